@@ -1,0 +1,1 @@
+"""The only place that imports OCP and build123d."""

@@ -1,0 +1,131 @@
+"""The gate: what a solid must show, without knowing the true part, before anybody claims it is one."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from OCP.TopoDS import TopoDS_Shape
+
+from sed2cad.brep.kernel import Array, faces, is_closed, is_valid, largest_tolerance, solids, volume
+from sed2cad.brep.measure import Deviations, deviations
+from sed2cad.brep.step import read_step, write_step
+from sed2cad.errors import AssemblyError
+from sed2cad.primitives.base import Primitive
+
+_DEFLECTION = 1e-3  # of the diagonal: tessellation for distances
+_ROUND_TRIP = 1e-3  # relative change of the volume by writing and reading
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What passes."""
+
+    volume: float = 0.05  # relative difference from the proxy's volume
+    distance: float = 0.01  # of the diagonal: a point this near to the solid is explained
+    coverage: float = 0.98  # share of the points that must be explained
+    tolerance: float = 0.01  # of the diagonal: largest tolerance of an edge or vertex
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the scan says about the solid, in world coordinates."""
+
+    bodies: int
+    volume: float  # of the proxy mesh; NaN: unknown, not checked
+    points: Array  # (n, 3); none: not checked
+    diagonal: float
+
+
+@dataclass(frozen=True)
+class GateResult:
+    """What was found. Lengths in world units; NaN where it was not measured."""
+
+    passed: bool
+    reason: str  # why it did not pass, one clause for a machinist; empty when it did
+    solids: int
+    closed: bool
+    valid: bool
+    volume: float
+    volume_ratio: float  # to the proxy's
+    coverage: float  # share of the points within the distance limit
+    rms: float  # of the points' distances
+    p95: float
+    max: float
+    max_tolerance: float
+    step_valid: bool  # still valid after writing and reading the STEP file
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The gate's verdict and the distances behind it (None where the solid was not fit to be measured)."""
+
+    result: GateResult
+    deviations: Deviations | None
+
+
+def check(
+    shape: TopoDS_Shape, primitives: Sequence[Primitive | None], expected: Expected, limits: Limits = Limits()
+) -> Checked:
+    """Look at `shape`, whose faces lie on `primitives` (None: unknown), world coordinates.
+
+    Nothing that could hang on a broken shape is done to one.
+    """
+    count, closed, valid = len(solids(shape)), is_closed(shape), is_valid(shape)
+    sound = closed and valid and count == expected.bodies
+    size = volume(shape) if sound else math.nan
+    ratio = size / expected.volume if sound and expected.volume else math.nan
+    tolerance = largest_tolerance(shape)
+    measured = None
+    if sound and len(expected.points):
+        measured = deviations(shape, primitives, expected.points, _DEFLECTION * expected.diagonal)
+    near = math.nan
+    if measured is not None:
+        near = float((measured.distances <= limits.distance * expected.diagonal).mean())
+    reason = _first_fault(count, closed, valid, ratio, near, tolerance / expected.diagonal, expected, limits)
+    survives = not reason and _survives_step(shape)
+    if not reason and not survives:
+        reason = "it is no longer valid after writing and reading the STEP file"
+    spread = (measured.rms, measured.p95, measured.max) if measured is not None else (math.nan,) * 3
+    result = GateResult(
+        not reason, reason, count, closed, valid, size, ratio, near, *spread, tolerance, survives
+    )
+    return Checked(result, measured)
+
+
+def _first_fault(
+    count: int, closed: bool, valid: bool, ratio: float, near: float, tolerance: float,
+    expected: Expected, limits: Limits,
+) -> str:
+    """The first thing that is wrong; NaN stands for what cannot be checked."""
+    if count != expected.bodies:
+        return f"{count} solids instead of {expected.bodies}"
+    if not closed:
+        return "the shell is not closed"
+    if not valid:
+        return "the CAD kernel finds it invalid"
+    if abs(ratio - 1) > limits.volume:
+        return f"its volume is {100 * (ratio - 1):+.1f} % off the scan's"
+    if near < limits.coverage:
+        return f"only {100 * near:.1f} % of the points lie on it"
+    if tolerance > limits.tolerance:
+        return f"an edge is {100 * tolerance:.1f} % of the part's size away from its faces"
+    return ""
+
+
+def _survives_step(shape: TopoDS_Shape) -> bool:
+    """Whether the STEP file of a shape reads back as the same closed valid solids."""
+    with tempfile.TemporaryDirectory(prefix="sed2cad-") as folder:
+        path = Path(folder) / "check.step"
+        try:
+            write_step(shape, path)
+            back = read_step(path)
+        except AssemblyError:
+            return False
+    same = len(solids(back)) == len(solids(shape)) and len(faces(back)) == len(faces(shape))
+    if not (same and is_closed(back) and is_valid(back)):
+        return False
+    return math.isclose(volume(back), volume(shape), rel_tol=_ROUND_TRIP)

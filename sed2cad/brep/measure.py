@@ -1,0 +1,156 @@
+"""How far the scan's points lie from the solid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from OCP.BRep import BRep_Tool
+from OCP.BRepMesh import BRepMesh_IncrementalMesh
+from OCP.BRepTools import BRepTools
+from OCP.TopAbs import TopAbs_REVERSED
+from OCP.TopLoc import TopLoc_Location
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
+from scipy.spatial import cKDTree
+
+from sed2cad.brep.kernel import Array, faces
+from sed2cad.primitives.base import Primitive
+
+_ANGLE = 0.3  # radians between neighbouring triangles
+_PAIRS = 200_000  # point-triangle pairs looked at in one go
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """A tessellated shape."""
+
+    vertices: Array  # (v, 3)
+    triangles: NDArray[np.int64]  # (t, 3), counter-clockwise from outside
+    owner: NDArray[np.int64]  # (t,): number of the face among the shape's faces
+
+    def corners(self) -> tuple[Array, Array, Array]:
+        """The three corners (t, 3) of each triangle."""
+        a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
+        return a, b, c
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Distance of each point from the solid and the face it is nearest to."""
+
+    distances: Array  # (n,)
+    faces: NDArray[np.int64]  # (n,): number of the face among the shape's faces
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt(np.mean(self.distances**2)))
+
+    @property
+    def p95(self) -> float:
+        return float(np.quantile(self.distances, 0.95))
+
+    @property
+    def max(self) -> float:
+        return float(self.distances.max())
+
+    def rms_by_face(self, count: int) -> Array:
+        """Rms (count,) per face; NaN for faces without points."""
+        points = np.bincount(self.faces, minlength=count)
+        square = np.bincount(self.faces, self.distances**2, minlength=count)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(square / points))
+
+
+def tessellate(shape: TopoDS_Shape, deflection: float) -> Triangles:
+    """Triangles within `deflection` of a valid shape. (An invalid one can keep the kernel busy for ever.)"""
+    BRepTools.Clean_s(shape)
+    BRepMesh_IncrementalMesh(shape, deflection, False, _ANGLE, False)
+    vertices, triangles, owner, offset = [], [], [], 0
+    for number, face in enumerate(faces(shape)):
+        nodes, corners = _face_triangles(face)
+        vertices.append(nodes)
+        triangles.append(corners + offset)
+        owner.append(np.full(len(corners), number))
+        offset += len(nodes)
+    return Triangles(np.vstack(vertices), np.vstack(triangles), np.concatenate(owner))
+
+
+def _face_triangles(face: TopoDS_Face) -> tuple[Array, NDArray[np.int64]]:
+    """Nodes (n, 3) and triangles (t, 3) of a tessellated face; empty where the kernel made none."""
+    location = TopLoc_Location()
+    mesh = BRep_Tool.Triangulation_s(face, location)
+    if mesh is None:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+    move = location.Transformation()
+    nodes = [mesh.Node(k).Transformed(move) for k in range(1, mesh.NbNodes() + 1)]
+    corners = np.array([mesh.Triangle(k).Get() for k in range(1, mesh.NbTriangles() + 1)], np.int64) - 1
+    if face.Orientation() == TopAbs_REVERSED:
+        corners = corners[:, ::-1]
+    return np.array([(p.X(), p.Y(), p.Z()) for p in nodes]), corners.reshape(-1, 3)
+
+
+def deviations(
+    shape: TopoDS_Shape, primitives: Sequence[Primitive | None], points: Array, deflection: float
+) -> Deviations:
+    """Distances of points (n, 3) from a valid shape whose faces lie on `primitives` (None: not exactly on one).
+
+    The nearest triangle tells the face; the distance is then that from the face's own surface, so that it is not
+    blurred by the tessellation, except for points beyond the face's border.
+    """
+    mesh = tessellate(shape, deflection)
+    distances, nearest = nearest_triangles(points, mesh)
+    owner = mesh.owner[nearest]
+    for number, primitive in enumerate(primitives):
+        mine = np.flatnonzero(owner == number)
+        if primitive is None or len(mine) == 0:
+            continue
+        exact = np.abs(primitive.distance(points[mine]))
+        inside = np.abs(distances[mine] - exact) < 1.5 * deflection
+        distances[mine] = np.where(inside, exact, distances[mine])
+    return Deviations(distances, owner)
+
+
+def nearest_triangles(points: Array, mesh: Triangles) -> tuple[Array, NDArray[np.int64]]:
+    """Distance (n,) of points (n, 3) to the nearest triangle, and its number (n,). Exact.
+
+    Only triangles whose bounding box is nearer than the nearest vertex are looked at.
+    """
+    a, b, c = mesh.corners()
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    bound = cKDTree(mesh.vertices).query(points)[0] * (1 + 1e-9) + 1e-300
+    distances, numbers = np.full(len(points), np.inf), np.zeros(len(points), np.int64)
+    chunk = max(1, _PAIRS // max(len(a), 1))
+    for first in range(0, len(points), chunk):
+        part = slice(first, first + chunk)
+        p = points[part]
+        outside = np.maximum(np.maximum(low - p[:, None], p[:, None] - high), 0.0)
+        at, triangle = np.nonzero(np.einsum("ijk,ijk->ij", outside, outside) <= bound[part, None] ** 2)
+        off = point_triangle(p[at], a[triangle], b[triangle], c[triangle])
+        order = np.lexsort((off, at))
+        best = order[np.flatnonzero(np.diff(at[order], prepend=-1))]  # the nearest of each point
+        distances[first + at[best]], numbers[first + at[best]] = off[best], triangle[best]
+    return distances, numbers
+
+
+def point_triangle(p: Array, a: Array, b: Array, c: Array) -> Array:
+    """Distances between points and triangles, arrays that broadcast to (..., 3)."""
+
+    def dot(x: Array, y: Array) -> Array:
+        return np.einsum("...i,...i->...", x, y)
+
+    def to_segment(start: Array, end: Array) -> Array:
+        way = end - start
+        t = np.clip(dot(p - start, way) / np.maximum(dot(way, way), 1e-300), 0, 1)
+        return np.asarray(np.linalg.norm(p - start - t[..., None] * way, axis=-1))
+
+    ab, ac, ap = b - a, c - a, p - a
+    aa, ac_ab, cc = dot(ab, ab), dot(ab, ac), dot(ac, ac)
+    pb, pc = dot(ap, ab), dot(ap, ac)
+    determinant = np.maximum(aa * cc - ac_ab * ac_ab, 1e-300)
+    v, w = (cc * pb - ac_ab * pc) / determinant, (aa * pc - ac_ab * pb) / determinant
+    on_plane = np.linalg.norm(ap - v[..., None] * ab - w[..., None] * ac, axis=-1)
+    inside = (v >= 0) & (w >= 0) & (v + w <= 1)
+    at_border = np.minimum(np.minimum(to_segment(a, b), to_segment(b, c)), to_segment(c, a))
+    return np.where(inside, on_plane, at_border)

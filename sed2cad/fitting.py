@@ -1,0 +1,245 @@
+"""From the points of a patch to the primitive that explains them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
+from sed2cad.primitives.bspline import BSplineSurface
+from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.refine import is_degenerate, median_size, refine, tukey_weights, uncertainty
+from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
+from sed2cad.primitives.starts import starts, weighted_plane
+from sed2cad.scan.scan import Scan
+
+_TRIAL_POINTS = 200  # to compare first guesses
+_TRIALS = 3  # starts that are worth a few steps
+_START_POINTS = 1000  # to make them and to refine the best
+_SPLINE_POINTS = 1500  # enough to see whether a freeform surface is called for
+_OUTLIER = 12.0  # chi^2 of a point that belongs elsewhere
+_NORMAL_NOISE = 0.05  # radians; normals are not better than that
+_INDEPENDENT = 50  # points of a patch that err independently, as far as parameters are concerned
+_FINEST = 3e-5  # unit frame: what a tessellation or rounding leaves; no evidence is sharper than this
+_LARGEST_RADIUS = 20.0  # part diagonals; rounder is flat
+
+# Shares of the faces of real parts; torus and freeform must earn their place.
+FACE_SHARES: Mapping[str, float] = {
+    "plane": 0.60,
+    "cylinder": 0.27,
+    "cone": 0.045,
+    "sphere": 0.001,  # 0.006, but a narrow ring of one is nearly always a chamfer, a cone
+    "torus": 0.005,  # 0.02, but the freest of all imitates any other
+    "bspline": 0.01,
+}
+
+
+@dataclass(frozen=True)
+class FittedPrimitive:
+    """A primitive, how well it fits and what it costs to believe in it."""
+
+    primitive: Primitive
+    rms: float  # of all distances
+    covariance: Array  # (freedom, freedom) in the primitive's chart
+    cost: float  # -2 log posterior up to a constant; comparable for the same points only
+
+
+def fit(kind: str, points: Array, normals: Array, noise: float) -> tuple[Primitive, float, Array] | None:
+    """Robust least squares on orthogonal distances: primitive, rms, covariance (freedom, freedom).
+
+    points and unit normals (n, 3), noise in their unit (0 when unknown). None where the points do not
+    determine such a primitive.
+    """
+    if len(points) < 3 or (kind == "bspline" and len(points) < 6):
+        return None
+    if kind == "bspline":
+        surface = fit_bspline(points, normals, noise)
+        return None if surface is None else (surface, _rms(surface.distance(points)), np.zeros((0, 0)))
+    primitive = (
+        _robust_plane(points, normals, noise) if kind == "plane" else _robust(kind, points, normals, noise)
+    )
+    if primitive is None:
+        return None
+    covariance = uncertainty(primitive, points, noise).covariance
+    return primitive, _rms(primitive.distance(points)), covariance
+
+
+def quick_fit(kind: str, points: Array, normals: Array) -> Primitive | None:
+    """The best algebraic start and a few plain Gauss-Newton steps; for proposals by the thousand."""
+    if kind == "bspline":
+        return fit_bspline(points, normals)
+    points, normals = _thinned(points, normals, _TRIAL_POINTS)
+    if len(points) < 3:
+        return None
+    guesses = starts(kind, points, normals)
+    if not guesses or kind == "plane":
+        return guesses[0] if guesses else None
+    best = int(np.argmin(_misfits(guesses, points, normals, 0.0)))
+    return refine(guesses[best], points, noise=0.0, steps=4, robust=False)
+
+
+def select(
+    points: Array,
+    normals: Array,
+    noise: float,
+    kinds: Sequence[str] = KINDS,
+    log_prior: Mapping[str, float] | None = None,
+) -> FittedPrimitive | None:
+    """The kind with the least chi^2 + parameters * log n - 2 log prior (Schwarz 1978), fitted.
+
+    chi^2 counts distances and normals in units of the noise, or of the best fit where that is above it.
+    A primitive that is another, simpler one in disguise is not considered, nor a B-spline where anything
+    analytic reaches the noise.
+    """
+    found = _analytic_fits(points, normals, noise, [kind for kind in ANALYTIC_KINDS if kind in kinds])
+    scale = max(noise, _FINEST)
+    if "bspline" in kinds and not any(_explains(entry.primitive, points, scale) for entry in found):
+        surface = fit_bspline(*_thinned(points, normals, _SPLINE_POINTS), noise)
+        found += [] if surface is None else [_Candidate(surface, _robust_sigma(surface, points, noise))]
+    if not found:
+        return None
+    prior = {kind: np.log(share) for kind, share in FACE_SHARES.items()} if log_prior is None else log_prior
+    sigma = max(scale, min(entry.sigma for entry in found))
+    costs = _costs([entry.primitive for entry in found], points, normals, sigma)
+    costs -= 2 * np.array([prior.get(entry.primitive.kind, 0.0) for entry in found])
+    best = int(np.argmin(costs))
+    primitive = found[best].primitive
+    covariance = uncertainty(primitive, points, noise).covariance
+    return FittedPrimitive(primitive, _rms(primitive.distance(points)), covariance, float(costs[best]))
+
+
+def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
+    """Every patch with its primitive, in order (paper, eq. 7: without edge points, except for B-splines).
+
+    Where the patch's kind cannot be fitted, another one is chosen; at worst a plane.
+    """
+    return [_fit_patch(scan, patch) for patch in patches]
+
+
+def _fit_patch(scan: Scan, patch: Patch) -> FittedPatch:
+    kind = patch.kind if patch.kind in KINDS else "bspline"
+    enough = max(12, 3 * primitive_class(kind).freedom)
+    inner = patch.interior if kind != "bspline" and patch.interior.sum() >= enough else slice(None)
+    points, normals = scan.points[patch.indices[inner]], scan.normals[patch.indices[inner]]
+    found = fit(kind, points, normals, scan.noise)
+    if found is None:
+        chosen = select(points, normals, scan.noise) if len(points) >= 3 else None
+        found = (chosen.primitive, chosen.rms, chosen.covariance) if chosen else _any_plane(points, normals)
+    primitive, rms, covariance = found
+    agreement = np.einsum("ij,ij->i", primitive.normal(points), normals)
+    return FittedPatch(patch, primitive, 1 if np.median(agreement) >= 0 else -1, rms, covariance)
+
+
+def _any_plane(points: Array, normals: Array) -> tuple[Primitive, float, Array]:
+    """A plane through one or two points."""
+    normal = normals[0]
+    plane = Plane(normal, float(normal @ points.mean(axis=0)))
+    return plane, _rms(plane.distance(points)), np.eye(3)
+
+
+def _robust(kind: str, points: Array, normals: Array, noise: float) -> Primitive | None:
+    """The best of several starts after a few steps, refined until it rests."""
+    some, their_normals = _thinned(points, normals, _START_POINTS)
+    few = _thinned(points, normals, _TRIAL_POINTS)
+    guesses = starts(kind, some, their_normals)
+    if not guesses:
+        return None
+    order = np.argsort(_misfits(guesses, *few, noise), kind="stable")[:_TRIALS]
+    trials = [refine(guesses[k], few[0], noise, steps=4) for k in order]
+    best = trials[int(np.argmin(_misfits(trials, *few, noise)))]
+    best = refine(best, some, noise, steps=20)
+    return refine(best, points, noise, steps=4) if len(points) > len(some) else best
+
+
+def _robust_plane(points: Array, normals: Array, noise: float) -> Plane:
+    """Reweighted until the outliers are out; keeps the help of the normals in narrow strips."""
+    plane = weighted_plane(points, normals, np.ones(len(points)))
+    for _ in range(4):
+        weights = tukey_weights(plane.distance(points), noise, plane.freedom)
+        plane = weighted_plane(points, normals, weights)
+    return plane
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    primitive: Primitive
+    sigma: float  # robust standard deviation of the distances
+
+
+def _analytic_fits(points: Array, normals: Array, noise: float, kinds: Sequence[str]) -> list[_Candidate]:
+    """Fits worth comparing, without those that are freer than one that leaves nothing to explain."""
+    found: list[_Candidate] = []
+    tolerance = max(noise, _FINEST)
+    for kind in kinds:
+        freedom = primitive_class(kind).freedom
+        if any(entry.sigma < 0.9 * tolerance and entry.primitive.freedom <= freedom for entry in found):
+            continue
+        fitted = fit(kind, points, normals, noise)
+        if fitted is None or _radius(fitted[0]) > _LARGEST_RADIUS:
+            continue
+        primitive = fitted[0]
+        if kind != "plane" and len(kinds) > 1 and is_degenerate(primitive, points, tolerance / 2):
+            continue
+        found.append(_Candidate(primitive, _robust_sigma(primitive, points, noise)))
+    return found
+
+
+def _explains(primitive: Primitive, points: Array, sigma: float) -> bool:
+    """Whether the distances are about what the noise gives, some outliers aside."""
+    return float(np.minimum((primitive.distance(points) / sigma) ** 2, _OUTLIER).mean()) < 2
+
+
+def _misfits(primitives: Sequence[Primitive], points: Array, normals: Array, noise: float) -> Array:
+    """chi^2 (k,) of the distances and normals of each primitive, both capped.
+
+    The unit is the noise, or what the best of them leaves if that is more; the normals err in groups, so they
+    count less. Deviations of normals are measured as 2 (1 - cos), which is the angle squared.
+    """
+    distances = np.stack([primitive.distance(points) for primitive in primitives])
+    cosines = np.stack([np.einsum("ij,ij->i", primitive.normal(points), normals) for primitive in primitives])
+    angles = 2 - 2 * cosines * np.where(cosines.sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    sigma = max(noise, 1.4826 * min(median_size(row) for row in distances), 1e-9)
+    spread = max(1.4826**2 * min(median_size(row) for row in angles), _NORMAL_NOISE**2)
+    by_distance = np.minimum((distances / sigma) ** 2, _OUTLIER).sum(axis=1)
+    return np.asarray(by_distance + 0.3 * np.minimum(angles / spread, 9).sum(axis=1))
+
+
+def _costs(primitives: Sequence[Primitive], points: Array, normals: Array, sigma: float) -> Array:
+    """chi^2 + parameters * log n of each primitive (k,); beyond 400 points errors are systematic."""
+    points, normals = _thinned(points, normals, 400)
+    parameters = np.array([_parameter_count(primitive) for primitive in primitives])
+    weight = np.log(min(len(points), _INDEPENDENT))
+    return np.asarray(_misfits(primitives, points, normals, sigma) + parameters * weight)
+
+
+def _parameter_count(primitive: Primitive) -> int:
+    """Numbers that the points had to determine; smoothing ties about half of a spline's."""
+    return primitive.heights.size // 2 if isinstance(primitive, BSplineSurface) else primitive.freedom
+
+
+def _radius(primitive: Primitive) -> float:
+    """The largest radius among the parameters, 0 for none."""
+    lengths = (getattr(primitive, name, 0.0) for name in ("radius", "major_radius", "minor_radius"))
+    return float(max(lengths))
+
+
+def _robust_sigma(primitive: Primitive, points: Array, noise: float) -> float:
+    """Weighted standard deviation of the distances."""
+    residual = primitive.distance(points)
+    weights = tukey_weights(residual, noise, primitive.freedom)
+    return float(np.sqrt(weights @ residual**2 / max(float(weights.sum()) - primitive.freedom, 1.0)))
+
+
+def _thinned(points: Array, normals: Array, most: int) -> tuple[Array, Array]:
+    """At most so many of the points, spread over their order."""
+    if len(points) <= most:
+        return points, normals
+    chosen = np.linspace(0, len(points) - 1, most).astype(np.int64)
+    return points[chosen], normals[chosen]
+
+
+def _rms(residual: Array) -> float:
+    return float(np.sqrt(np.mean(residual**2)))

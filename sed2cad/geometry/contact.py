@@ -1,0 +1,94 @@
+"""How two surfaces meet along a chain: they cross, or they touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sed2cad.geometry.curves import Array
+from sed2cad.primitives.base import FittedPatch, Primitive
+from sed2cad.primitives.vectors import unit
+
+# Surfaces cross, or touch (their normals agree along the curve), or the place of the curve is open between them:
+# next to a free-form surface, or between two faces of one surface, a chain rests where the proxy mesh has it.
+Meeting = Literal["crossing", "touching", "resting"]
+
+_SHALLOW = np.radians(15.0)  # wider angles between the normals always cross
+_LEVEL = np.radians(3.0)  # narrower ones never cross
+_REACH = 0.04  # unit frame: how far sideways the place where the normals agree may lie
+_STEP = 1e-5  # unit frame: for differences of normals
+
+
+@dataclass(frozen=True)
+class Side:
+    """A surface and which way is out: +1 when the outward normal is the primitive's, -1 when opposite."""
+
+    primitive: Primitive
+    sign: int
+
+    @classmethod
+    def of(cls, patch: FittedPatch) -> Side:
+        """The side that the solid's face is."""
+        return cls(patch.primitive, patch.sign)
+
+    @property
+    def free(self) -> bool:
+        """Whether this is a free-form surface, which has no curvature to rely on."""
+        return self.primitive.kind == "bspline"
+
+    def outward(self, points: Array) -> Array:
+        """Outward unit normals (n, 3) at points (n, 3)."""
+        return self.sign * self.primitive.normal(points)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The difference of two normal fields, to first order, at n points."""
+
+    across: Array  # (n, 3): unit, the change of the difference (leading left singular vector)
+    curvature: Array  # (n,): how much the difference changes per length
+    sideways: Array  # (n, 3): unit, the way in which it changes most (leading right singular vector)
+
+
+def relative_curvature(a: Side, b: Side, points: Array) -> Contact:
+    """How fast the outward normals of a and b part from each other around points (n, 3).
+
+    One rule for all pairs of tangent surfaces: where they touch, (n_a - n_b) . across = 0.
+    """
+    count = len(points)
+    steps = _STEP * np.vstack([np.eye(3), -np.eye(3)])
+    around = (points[:, None] + steps).reshape(-1, 3)
+    difference = (a.outward(around) - b.outward(around)).reshape(count, 6, 3)
+    gradient = np.swapaxes(difference[:, :3] - difference[:, 3:], 1, 2) / (2 * _STEP)
+    normal = unit(a.outward(points) + b.outward(points))
+    flat = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    left, size, right = np.linalg.svd(flat @ gradient @ flat)
+    return Contact(left[:, :, 0], size[:, 0], right[:, 0, :])
+
+
+def angles(a: Side, b: Side, points: Array) -> Array:
+    """Angles (n,) between the outward normals at the foot points of points (n, 3), radians."""
+    cosine = np.einsum("ij,ij->i", a.outward(a.primitive.project(points)), b.outward(b.primitive.project(points)))
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
+
+
+def meeting(a: Side, b: Side, points: Array) -> Meeting:
+    """How a and b meet along the chain points (n, 3).
+
+    Tangent surfaces have a place near by where their normals agree; a plane and a draft face of 5 degrees do not.
+    """
+    if a.primitive is b.primitive:
+        return "resting"
+    trim = len(points) // 6 if len(points) > 8 else 0
+    middle = points[trim : len(points) - trim]
+    angle = float(np.median(angles(a, b, middle)))
+    if angle > _SHALLOW:
+        return "crossing"
+    if a.free or b.free:
+        return "resting"
+    curvature = float(np.median(relative_curvature(a, b, middle).curvature))
+    if angle < _REACH * curvature:
+        return "touching"
+    return "crossing" if angle > _LEVEL else "resting"

@@ -1,0 +1,65 @@
+"""Corners: the point that lies on all surfaces around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sed2cad.geometry.contact import Side, relative_curvature
+from sed2cad.geometry.curves import Array
+
+_RANK = 0.02  # singular values below this share of the largest are not solved for
+_LONGEST_STEP = 0.02  # unit frame
+_LEAST_CURVATURE = 0.5  # 1 / unit: flatter contacts do not say where they touch
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A solved corner."""
+
+    position: Array  # (3,)
+    residual: float  # largest distance from its surfaces, unit frame
+    misfit: float  # largest residual of all, tangencies (as lengths) included
+    moved: float  # from where the search started
+
+
+def solve_corner(start: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]]) -> Corner:
+    """Gauss-Newton from `start` (3,) onto all `sides`, by truncated SVD.
+
+    Where normals coincide (the end of a rolling-ball fillet) the distances alone leave the corner free to
+    slide: `tangent` pairs add (n_a - n_b) . u = 0, divided by the relative curvature so that it is a length.
+    """
+    position = start.copy()
+    values = np.zeros(1)
+    for _ in range(40):
+        values, rows = _residuals(position, sides, tangent)
+        left, size, right = np.linalg.svd(rows, full_matrices=False)
+        keep = size > _RANK * size[0]
+        step = right[keep].T @ ((left[:, keep].T @ values) / size[keep])
+        length = float(np.linalg.norm(step))
+        position = position - step * min(1.0, _LONGEST_STEP / max(length, 1e-300))
+        if length < 1e-12:
+            break
+    values, _ = _residuals(position, sides, tangent)
+    distances = np.abs(values[: len(sides)])
+    moved = float(np.linalg.norm(position - start))
+    return Corner(position, float(distances.max()), float(np.abs(values).max()), moved)
+
+
+def _residuals(
+    position: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]]
+) -> tuple[Array, Array]:
+    """Lengths (m,) that vanish at the corner, and their gradients (m, 3)."""
+    here = position[None]
+    values = [float(side.primitive.distance(here)[0]) for side in sides]
+    rows = [side.primitive.normal(here)[0] for side in sides]
+    for a, b in tangent:
+        contact = relative_curvature(a, b, here)
+        if contact.curvature[0] < _LEAST_CURVATURE:
+            continue
+        difference = (a.outward(here) - b.outward(here))[0]
+        values.append(float(difference @ contact.across[0]) / float(contact.curvature[0]))
+        rows.append(contact.sideways[0])
+    return np.array(values), np.array(rows)

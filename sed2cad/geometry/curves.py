@@ -1,0 +1,238 @@
+"""The curves that edges run on: line, circle, ellipse, and the interpolated rest.
+
+A curve is immutable and in the unit of its points. Its parameter is a length (line, interpolated) or an angle in
+radians (circle, ellipse; period 2 pi).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+
+Array = NDArray[np.float64]
+TURN = 2 * np.pi
+
+
+class Curve(ABC):
+    """A curve with a parameter."""
+
+    kind: ClassVar[str]  # "line", "circle", "ellipse", "interpolated"
+    angular: ClassVar[bool] = False  # whether the parameter is an angle
+
+    @abstractmethod
+    def at(self, parameters: Array) -> Array:
+        """Points (n, 3) at parameters (n,)."""
+
+    @abstractmethod
+    def parameters(self, points: Array) -> Array:
+        """Parameters (n,) of the points of the curve nearest to points (n, 3); angles in (-pi, pi]."""
+
+    @abstractmethod
+    def reversed(self) -> Self:
+        """The same curve run the other way."""
+
+    @abstractmethod
+    def scaled(self, scale: float, origin: Array) -> Self:
+        """The curve under p -> scale * p + origin; parameters that are lengths grow by `scale`."""
+
+    def distance(self, points: Array) -> Array:
+        """Distances (n,) of points (n, 3)."""
+        return np.asarray(np.linalg.norm(points - self.at(self.parameters(points)), axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Line(Curve):
+    """origin + t * direction."""
+
+    kind: ClassVar[str] = "line"
+
+    origin: Array  # (3,)
+    direction: Array  # (3,), unit
+
+    def at(self, parameters: Array) -> Array:
+        return self.origin + parameters[:, None] * self.direction
+
+    def parameters(self, points: Array) -> Array:
+        return (points - self.origin) @ self.direction
+
+    def reversed(self) -> Line:
+        return Line(self.origin, -self.direction)
+
+    def scaled(self, scale: float, origin: Array) -> Line:
+        return Line(scale * self.origin + origin, self.direction)
+
+
+@dataclass(frozen=True, eq=False)
+class Circle(Curve):
+    """centre + radius (cos t x + sin t y), y = axis x x."""
+
+    kind: ClassVar[str] = "circle"
+    angular: ClassVar[bool] = True
+
+    centre: Array  # (3,)
+    axis: Array  # (3,), unit
+    x: Array  # (3,), unit, across the axis
+    radius: float
+
+    @property
+    def y(self) -> Array:
+        return np.cross(self.axis, self.x)
+
+    def at(self, parameters: Array) -> Array:
+        return self.centre + self.radius * (np.outer(np.cos(parameters), self.x) + np.outer(np.sin(parameters), self.y))
+
+    def parameters(self, points: Array) -> Array:
+        offset = points - self.centre
+        return np.arctan2(offset @ self.y, offset @ self.x)
+
+    def reversed(self) -> Circle:
+        return replace(self, axis=-self.axis)
+
+    def started_at(self, angle: float) -> Circle:
+        """The circle turned so that its parameter 0 is at `angle`."""
+        return replace(self, x=np.cos(angle) * self.x + np.sin(angle) * self.y)
+
+    def scaled(self, scale: float, origin: Array) -> Circle:
+        return Circle(scale * self.centre + origin, self.axis, self.x, scale * self.radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipse(Curve):
+    """centre + major cos t x + minor sin t y, y = axis x x; major >= minor."""
+
+    kind: ClassVar[str] = "ellipse"
+    angular: ClassVar[bool] = True
+
+    centre: Array  # (3,)
+    axis: Array  # (3,), unit
+    x: Array  # (3,), unit, along the major axis
+    major: float
+    minor: float
+
+    @property
+    def y(self) -> Array:
+        return np.cross(self.axis, self.x)
+
+    def at(self, parameters: Array) -> Array:
+        cos, sin = np.cos(parameters), np.sin(parameters)
+        return self.centre + self.major * np.outer(cos, self.x) + self.minor * np.outer(sin, self.y)
+
+    def parameters(self, points: Array) -> Array:
+        """Nearest points by Newton steps on the angle, from the eccentric anomaly."""
+        offset = points - self.centre
+        p, q = offset @ self.x, offset @ self.y
+        angle = np.arctan2(q / self.minor, p / self.major)
+        a, b = self.major, self.minor
+        for _ in range(6):
+            cos, sin = np.cos(angle), np.sin(angle)
+            slope = (a * a - b * b) * sin * cos - p * a * sin + q * b * cos
+            curvature = (a * a - b * b) * (cos * cos - sin * sin) - p * a * cos - q * b * sin
+            angle = angle - np.clip(slope / np.minimum(curvature, -1e-3 * b * b), -0.3, 0.3)
+        return np.asarray(np.arctan2(np.sin(angle), np.cos(angle)))
+
+    def reversed(self) -> Ellipse:
+        return replace(self, axis=-self.axis)
+
+    def scaled(self, scale: float, origin: Array) -> Ellipse:
+        return Ellipse(scale * self.centre + origin, self.axis, self.x, scale * self.major, scale * self.minor)
+
+
+@dataclass(frozen=True, eq=False)
+class Interpolated(Curve):
+    """The cubic spline through points, run by their chord length from 0; C2 around when closed."""
+
+    kind: ClassVar[str] = "interpolated"
+
+    points: Array  # (k, 3), k >= 2; a closed curve does not repeat its first point
+    closed: bool
+
+    @cached_property
+    def knots(self) -> Array:
+        """The parameter of each point (k,), and of the end when closed (k + 1,)."""
+        points = np.vstack([self.points, self.points[:1]]) if self.closed else self.points
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-12))])
+
+    @cached_property
+    def spline(self) -> BSpline:
+        """The curve as a clamped B-spline (closed curves meet in position, slope and curvature)."""
+        if not self.closed:
+            return make_interp_spline(self.knots, self.points, k=min(3, len(self.points) - 1))
+        points = np.vstack([self.points, self.points[:1]])
+        slope = CubicSpline(self.knots, points, bc_type="periodic")(0.0, 1)
+        return make_interp_spline(self.knots, points, k=3, bc_type=([(1, slope)], [(1, slope)]))
+
+    @property
+    def length(self) -> float:
+        """The last parameter."""
+        return float(self.knots[-1])
+
+    def at(self, parameters: Array) -> Array:
+        wrapped = np.mod(parameters, self.length) if self.closed else parameters
+        return np.asarray(self.spline(wrapped))
+
+    def parameters(self, points: Array) -> Array:
+        """Nearest of a fine sampling, then Gauss-Newton steps."""
+        fine = np.unique(np.concatenate([np.linspace(a, b, 9) for a, b in zip(self.knots, self.knots[1:])]))
+        gap = np.linalg.norm(self.at(fine)[None] - points[:, None], axis=2)
+        found = fine[gap.argmin(axis=1)]
+        for _ in range(8):
+            tangent = np.asarray(self.spline(found, 1))
+            step = np.einsum("ij,ij->i", points - self.spline(found), tangent)
+            found = found + step / np.maximum(np.einsum("ij,ij->i", tangent, tangent), 1e-300)
+            found = np.clip(found, 0.0, self.length)
+        return found
+
+    def reversed(self) -> Interpolated:
+        return Interpolated(self.points[::-1].copy(), self.closed)
+
+    def scaled(self, scale: float, origin: Array) -> Interpolated:
+        return Interpolated(scale * self.points + origin, self.closed)
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """A piece of a curve, run from `first` to `last` (first < last)."""
+
+    curve: Curve
+    first: float
+    last: float
+
+    def sampled(self, count: int) -> Array:
+        """Points (count, 3) at even parameters, both ends included."""
+        return self.curve.at(np.linspace(self.first, self.last, count))
+
+    def ends(self) -> tuple[Array, Array]:
+        """First and last point (3,)."""
+        points = self.sampled(2)
+        return points[0], points[1]
+
+    def scaled(self, scale: float, origin: Array) -> Arc:
+        """The arc under p -> scale * p + origin."""
+        grow = 1.0 if self.curve.angular else scale
+        return Arc(self.curve.scaled(scale, origin), grow * self.first, grow * self.last)
+
+
+def arc_through(curve: Curve, points: Array, closed: bool) -> Arc:
+    """The arc of `curve` along ordered points (k, 3) on it, from the first to the last, turned to run their way.
+
+    A closed arc makes one full turn from the first point.
+    """
+    if isinstance(curve, Interpolated):
+        return Arc(curve, 0.0, curve.length)
+    way = np.unwrap(curve.parameters(points)) if curve.angular else curve.parameters(points)
+    if way[-1] < way[0]:
+        curve, way = curve.reversed(), -way
+    first = float(way[0])
+    if curve.angular:
+        first = first % TURN
+    if closed:
+        return Arc(curve, first, first + TURN)
+    least = 1e-9 if curve.angular else 1e-9 * max(1.0, float(np.abs(points).max()))
+    return Arc(curve, first, first + max(float(way[-1] - way[0]), least))

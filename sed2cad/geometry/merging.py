@@ -1,0 +1,133 @@
+"""Corner clusters: short chains that only the proxy mesh has are contracted to one corner.
+
+Where four faces meet in a point, or a fillet runs out, the labelled mesh shows two corners joined by a short
+chain. They are one when the merged corner still fits all of its surfaces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sed2cad.geometry.chains import length
+from sed2cad.geometry.contact import Meeting, Side
+from sed2cad.geometry.corners import Corner, solve_corner
+from sed2cad.topology.model import Topology
+
+_FIT = 2e-3  # unit frame: a merged corner may miss its surfaces by this much
+_CLOSE_FIT = 5e-4  # by this much where the short chain looks like a real edge
+_SHORT = 0.06  # longer chains are never contracted
+_NEAR = 0.02  # solved corners closer than this may merge
+_TINY = 0.012  # so may the ends of shorter chains
+_SAME = 5e-4  # solved corners closer than this are one
+_FAR = 0.03  # a merged corner moves less than this
+
+
+class CornerClusters:
+    """Union-find over the corners of a topology, with the solved position of each cluster."""
+
+    def __init__(self, topology: Topology, sides: Sequence[Side], meetings: Sequence[Meeting]) -> None:
+        self._topology = topology
+        self._sides = sides
+        self._meetings = meetings
+        self._parent = list(range(len(topology.corners)))
+        self._chains_at: list[set[int]] = [set() for _ in topology.corners]
+        self._lengths = [length(c.points, c.closed) for c in topology.chains]
+        self.alive = [True] * len(topology.chains)
+        for k, chain in enumerate(topology.chains):
+            for corner in () if chain.closed else (chain.start, chain.end):
+                self._chains_at[corner].add(k)
+        self.solved: dict[int, Corner] = {c: self._solve([c]) for c in range(len(topology.corners))}
+
+    def root(self, corner: int) -> int:
+        """The cluster of a corner."""
+        while self._parent[corner] != corner:
+            corner = self._parent[corner]
+        return corner
+
+    def labels(self) -> NDArray[np.int64]:
+        """The cluster (c,) of each corner."""
+        return np.array([self.root(c) for c in range(len(self._parent))], dtype=np.int64)
+
+    def contract(self) -> None:
+        """Contract short chains until none qualifies, the shortest first."""
+        short = [k for k in np.argsort(self._lengths) if self._contractible(int(k))]
+        for _ in range(4):
+            done = [self._try(int(k)) for k in short if self.alive[k]]
+            if not any(done):
+                break
+
+    def _contractible(self, k: int) -> bool:
+        return not self._topology.chains[k].closed and self._lengths[k] < _SHORT
+
+    def _try(self, k: int) -> bool:
+        """Contract chain k where that is right; whether it was."""
+        chain = self._topology.chains[k]
+        a, b = self.root(chain.start), self.root(chain.end)
+        if a == b:
+            if self._lengths[k] < _TINY and self._loops_keep(k, 1):
+                self.alive[k] = False
+            return False
+        apart = float(np.linalg.norm(self.solved[a].position - self.solved[b].position))
+        if not self._loops_keep(k, 1 if apart < _SAME else 2):
+            return False
+        merged = self._solve([a, b])
+        fits = merged.misfit < (_CLOSE_FIT if self._as_traced(k, a, b) else _FIT)
+        if apart < _SAME:
+            merged = merged if fits else self.solved[a]
+        elif not (self._crossed(k, a, b, apart, merged) or (fits and self._close(k, apart, merged))):
+            return False
+        self._join(k, a, b, merged)
+        return True
+
+    def _as_traced(self, k: int, a: int, b: int) -> bool:
+        """Whether the solved corners lie to each other as the chain's ends do: then it is a real, short edge."""
+        chain = self._topology.chains[k]
+        traced = chain.points[-1] - chain.points[0]
+        solved = self.solved[b].position - self.solved[a].position
+        return bool(np.linalg.norm(solved - traced) < 0.5 * np.linalg.norm(traced))
+
+    def _close(self, k: int, apart: float, merged: Corner) -> bool:
+        return merged.moved < _FAR and (apart < _NEAR or self._lengths[k] < _TINY)
+
+    def _crossed(self, k: int, a: int, b: int, apart: float, merged: Corner) -> bool:
+        """Whether the solved corners have passed each other, so that the chain would run backwards."""
+        chain = self._topology.chains[k]
+        way = chain.points[-1] - chain.points[0]
+        backwards = (self.solved[b].position - self.solved[a].position) @ way < 0
+        return bool(backwards and apart < _FAR and merged.misfit < 4 * _FIT)
+
+    def _join(self, k: int, a: int, b: int, merged: Corner) -> None:
+        self._parent[b] = a
+        self._chains_at[a] |= self._chains_at[b]
+        self.alive[k] = False
+        self.solved[a] = merged
+
+    def _loops_keep(self, k: int, least: int) -> bool:
+        """Whether every loop with chain k has more than `least` chains left."""
+        chain = self._topology.chains[k]
+        for region in {chain.left, chain.right}:
+            for loop in self._topology.regions[region].loops:
+                left = [other for other, _ in loop if self.alive[other]]
+                if k in left and len(left) <= least:
+                    return False
+        return True
+
+    def _solve(self, clusters: list[int]) -> Corner:
+        """The corner of one cluster, or of two were they merged."""
+        chains = set().union(*(self._chains_at[c] for c in clusters))
+        used: dict[int, Side] = {}
+        tangent = []
+        for k in sorted(k for k in chains if self.alive[k]):
+            chain = self._topology.chains[k]
+            regions = (self._topology.regions[chain.left], self._topology.regions[chain.right])
+            pair = [self._sides[r.primitive] for r in regions]
+            used.update(zip((r.primitive for r in regions), pair))
+            joins = {self.root(chain.start), self.root(chain.end)}
+            if self._meetings[k] == "touching" and (len(clusters) == 1 or joins != set(clusters)):
+                tangent.append((pair[0], pair[1]))
+        members = [c for c in range(len(self._parent)) if self.root(c) in clusters]
+        start = self._topology.corners[members].mean(axis=0)
+        return solve_corner(start, list(used.values()), tangent)

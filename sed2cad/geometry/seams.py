@@ -1,0 +1,223 @@
+"""Where the surfaces of the faces have their axes, poles and seams.
+
+A CAD kernel cuts a surface that closes on itself along a seam. A face that does not go all the way round keeps the
+seam in its gap; one that does needs a vertex on the seam in every loop that winds around, so closed edges start
+there and others are cut there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from sed2cad.errors import AssemblyError
+from sed2cad.geometry.curves import TURN, Array
+from sed2cad.geometry.layout import Draft, Layout, Placement
+from sed2cad.geometry.poles import sphere_pole
+from sed2cad.primitives.bspline import BSplineSurface
+from sed2cad.primitives.cone import Cone
+from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.sphere import Sphere
+from sed2cad.primitives.torus import Torus
+from sed2cad.primitives.vectors import about_axis, tangent_frame
+
+_HIT = 1e-7  # radians: a vertex this near to the seam is on it
+_MISS = 0.03  # radians: a vertex that is not on the seam keeps this far from it
+_TRIED = 36  # seam directions tried beside those of vertices
+
+
+def place(draft: Draft) -> Layout:
+    """Place every surface; start and cut the edges that wind around one.
+
+    AssemblyError where a face that winds around its axis is open on one side.
+    """
+    turning = [_Turning.of(draft, r) for r in range(len(draft.topology.regions))]
+    placements: dict[int, Placement] = {}
+    # the seam along the tube of a torus cannot be chosen: those faces come first
+    for r in sorted(range(len(turning)), key=lambda r: (not _tube_winds(draft, r), r)):
+        turned = turning[r]
+        placements[r] = _flat(draft, r) if turned is None else _turned(draft, r, turned)
+    return draft.finished([placements[r] for r in range(len(turning))])
+
+
+@dataclass(frozen=True)
+class _Turning:
+    """A face on a surface of revolution: its axis and where the seam would be by default."""
+
+    origin: Array  # (3,)
+    z: Array  # (3,), unit
+    x: Array  # (3,), unit, across z
+
+    @classmethod
+    def of(cls, draft: Draft, region: int) -> _Turning | None:
+        """The axis of a region's surface, or None where it has none."""
+        primitive = draft.primitive(region)
+        if isinstance(primitive, Sphere):
+            loops = [[draft.edges[e].arc for e, _ in loop] for loop in draft.loops[region]]
+            z, x = sphere_pole(primitive, loops, draft.topology.regions[region].points)
+            return cls(primitive.centre, z, x)
+        if isinstance(primitive, BSplineSurface):
+            if primitive.base == "plane":
+                return None
+            return cls(primitive.origin, primitive.frame[2], -primitive.frame[0])
+        if isinstance(primitive, Cylinder):
+            return cls(primitive.point, primitive.axis, _usual_x(primitive.axis))
+        if isinstance(primitive, Cone):
+            return cls(primitive.apex, primitive.axis, _usual_x(primitive.axis))
+        if isinstance(primitive, Torus):
+            return cls(primitive.centre, primitive.axis, _usual_x(primitive.axis))
+        return None
+
+    def angles(self, points: Array) -> Array:
+        """Angles (n,) about the axis from x, in (-pi, pi]."""
+        offset = points - self.origin
+        return np.arctan2(offset @ np.cross(self.z, self.x), offset @ self.x)
+
+    def direction(self, angle: float) -> Array:
+        """The unit vector (3,) across the axis at an angle from x."""
+        return np.cos(angle) * self.x + np.sin(angle) * np.cross(self.z, self.x)
+
+
+def _usual_x(axis: Array) -> Array:
+    """The same direction for an axis and its opposite, so that coaxial faces share their seam."""
+    strong = axis[int(np.argmax(np.abs(axis) > 0.5))]
+    return tangent_frame(axis if strong > 0 else -axis)[0]
+
+
+def _flat(draft: Draft, region: int) -> Placement:
+    """The frame of a face without a seam."""
+    points = draft.topology.regions[region].points
+    centre = points.mean(axis=0) if len(points) else np.zeros(3)
+    primitive = draft.primitive(region)
+    if isinstance(primitive, BSplineSurface):
+        return Placement(primitive.origin, primitive.frame[2], primitive.frame[0])
+    assert isinstance(primitive, Plane)
+    normal = primitive.normal_vector
+    return Placement(primitive.project(centre[None])[0], normal, tangent_frame(normal)[0])
+
+
+def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
+    """Choose the seam of a face on a surface of revolution and bring its edges to it."""
+    loops = draft.loops[region]
+    samples = [draft.loop_samples(loop) for loop in loops]
+    turns = [_winding(turning.angles(s)) for s in samples]
+    primitive = draft.primitive(region)
+    if sum(turns) != 0 and not isinstance(primitive, (Sphere, Cone)):
+        raise AssemblyError(f"a {primitive.kind} face is open on one side: the face that closes it is missing")
+    winding = [k for k, turn in enumerate(turns) if turn]
+    others = [s for k, s in enumerate(samples) if k not in winding]
+    if winding:
+        angle = _seam_through(draft, [loops[k] for k in winding], others, turning)
+    else:
+        angle = _gap([turning.angles(s) for s in [*others, draft.topology.regions[region].points]])
+    x = turning.direction(angle)
+    for k in winding:
+        _bring_to_seam(draft, region, k, turning.origin, turning.z, x)
+    if isinstance(primitive, Torus):
+        for k, s in enumerate(samples):
+            if _winding(_tube_angles(primitive, s)):
+                _bring_to_tube_seam(draft, region, k, primitive)
+    return Placement(_origin(draft, region, turning), turning.z, x)
+
+
+def _origin(draft: Draft, region: int, turning: _Turning) -> Array:
+    """The origin of the surface: amid the face where the axis leaves it open."""
+    primitive = draft.primitive(region)
+    if isinstance(primitive, (Sphere, Torus, BSplineSurface)):
+        return turning.origin
+    points = np.vstack([draft.topology.regions[region].points, *map(draft.loop_samples, draft.loops[region])])
+    heights = about_axis(points, turning.origin, turning.z)[0]
+    return turning.origin + 0.5 * float(heights.min() + heights.max()) * turning.z
+
+
+def _winding(angles: Array) -> int:
+    """Turns of a closed polygon of angles (n,) whose last repeats the first."""
+    steps = np.mod(np.diff(angles) + np.pi, TURN) - np.pi
+    return round(float(steps.sum()) / TURN)
+
+
+def _tube_angles(torus: Torus, points: Array) -> Array:
+    """Angles (n,) around the tube from its outer equator."""
+    height, radius, _ = about_axis(points, torus.centre, torus.axis)
+    return np.arctan2(height, radius - torus.major_radius)
+
+
+def _tube_winds(draft: Draft, region: int) -> bool:
+    primitive = draft.primitive(region)
+    return isinstance(primitive, Torus) and any(
+        _winding(_tube_angles(primitive, draft.loop_samples(loop))) for loop in draft.loops[region]
+    )
+
+
+def _gap(angles: Sequence[Array]) -> float:
+    """The middle of the largest gap between angles; 0 where there is none."""
+    every = np.sort(np.concatenate(angles)) if angles else np.zeros(0)
+    if len(every) == 0:
+        return 0.0
+    gaps = np.diff(np.append(every, every[0] + TURN))
+    k = int(gaps.argmax())
+    return float(every[k] + gaps[k] / 2) if gaps[k] > 0.05 else 0.0
+
+
+def _seam_through(
+    draft: Draft, loops: Sequence[Sequence[tuple[int, int]]], others: Sequence[Array], turning: _Turning
+) -> float:
+    """The angle for the seam of a face that winds around: through vertices, past the other loops."""
+    fixed = [v for loop in loops for e, _ in loop for v in (draft.edges[e].start,) if v >= 0]
+    fixed += [v for loop in loops for e, _ in loop for v in (draft.edges[e].end,) if v >= 0]
+    at = turning.angles(np.array([draft.vertices[v] for v in sorted(set(fixed))]).reshape(-1, 3))
+    ranges = [np.unwrap(turning.angles(s)) for s in others]
+    candidates = np.concatenate([[0.0], at, np.linspace(0, TURN, _TRIED, endpoint=False)])
+
+    def score(angle: float) -> float:
+        off = np.abs(_wrapped(at - angle))
+        hits, near = int((off < _HIT).sum()), int(((off >= _HIT) & (off < _MISS)).sum())
+        covered = sum(bool(abs(_wrapped(angle - r.mean())) < np.ptp(r) / 2 + _MISS) for r in ranges)
+        return 10 * min(hits, 2) - 25 * near - 100 * covered + (1 if angle == 0 else 0)
+
+    return float(max(candidates, key=score))
+
+
+def _wrapped(angles: Array) -> Array:
+    """Angles brought into [-pi, pi)."""
+    return np.mod(angles + np.pi, TURN) - np.pi
+
+
+def _bring_to_seam(draft: Draft, region: int, k: int, origin: Array, z: Array, x: Array) -> None:
+    """Give loop k of a region a vertex on the half-plane x about z."""
+    y = np.cross(z, x)
+
+    def angles(points: Array) -> Array:
+        return np.arctan2((points - origin) @ y, (points - origin) @ x)
+
+    _bring_to_zero(draft, region, k, angles)
+
+
+def _bring_to_tube_seam(draft: Draft, region: int, k: int, torus: Torus) -> None:
+    """Give loop k of a region a vertex on the outer equator of its torus, where the tube's seam is."""
+    _bring_to_zero(draft, region, k, lambda points: _tube_angles(torus, points))
+
+
+def _bring_to_zero(draft: Draft, region: int, k: int, angles) -> None:
+    """Give loop k of a region a vertex where `angles` of its points is 0."""
+    loop = draft.loops[region][k]
+    ends = [v for e, _ in loop for v in (draft.edges[e].start, draft.edges[e].end) if v >= 0]
+    if ends and np.abs(angles(np.array([draft.vertices[v] for v in ends]))).min() < 10 * _HIT:
+        return
+    for edge, _ in loop:
+        arc = draft.edges[edge].arc
+        at = np.linspace(arc.first, arc.last, 97)
+        values = angles(arc.curve.at(at))
+        crossing = np.flatnonzero((values[:-1] * values[1:] <= 0) & (np.abs(values[:-1] - values[1:]) < np.pi))
+        if len(crossing):
+            low, high = at[crossing[0]], at[crossing[0] + 1]
+            found = float(brentq(lambda t: float(angles(arc.curve.at(np.array([t])))[0]), low, high, xtol=1e-14))
+            if draft.edges[edge].start < 0:
+                draft.start_closed(edge, found)
+            else:
+                draft.cut(edge, found)
+            return

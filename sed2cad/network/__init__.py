@@ -1,0 +1,1 @@
+"""SED-Net and the pair-affinity network: points in, type, edge probability and descriptor out."""

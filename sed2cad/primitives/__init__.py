@@ -1,0 +1,1 @@
+"""Parametric surfaces: signed distance, normal, projection, chart, fit."""

@@ -1,0 +1,176 @@
+"""Fit the freeform patch: penalised least squares, knots doubled where that explains more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
+
+from sed2cad.primitives.base import Array
+from sed2cad.primitives.bspline import DEGREE, Base, BSplineSurface
+from sed2cad.primitives.vectors import tangent_frame, unit
+
+_MARGIN = 0.06  # of the patch's extent, left around it so that edges with its neighbours lie inside
+_SMOOTHING = 1e-5  # weight of the second differences against the mean weight of a control height
+_MOST_CONTROLS = 28  # per direction
+_LEAST_GAIN = 0.93  # a refinement must bring the rms at least this far down
+_FINEST = 2e-5  # rms that nobody needs to go below, unit frame
+_STEEPEST = 0.25  # cosine: a patch over a plane must not be steeper than this
+
+
+@dataclass(frozen=True)
+class _Chart:
+    """Base coordinates of the points to be fitted."""
+
+    base: Base
+    origin: Array  # (3,)
+    frame: Array  # (3, 3)
+    uv: Array  # (n, 2)
+    heights: Array  # (n,)
+    slant: Array  # (n,), cosine between normal and base direction: vertical to orthogonal distance
+
+
+def fit_bspline(points: Array, normals: Array, noise: float = 0.0) -> BSplineSurface | None:
+    """The coarsest cubic patch through points (n, 3) to within the noise, or None for fewer than 6 points.
+
+    The base is a plane where all normals lie on one side of one, otherwise an axis across the normals. The
+    control grid grows from 4 x 4 until the rms is about the noise, the gain fades or the points run out.
+    """
+    if len(points) < 6:
+        return None
+    charts = [_axis_chart(points, normals)]
+    plane = _plane_chart(points, normals)
+    if np.quantile(plane.slant, 0.02) > _STEEPEST:
+        charts = [plane]
+    elif np.quantile(plane.slant, 0.1) > 0:
+        charts.append(plane)
+    return min((_refined(chart, noise) for chart in charts), key=lambda found: found[1])[0]
+
+
+def _plane_chart(points: Array, normals: Array) -> _Chart:
+    """Over the plane that the steepest of the normals (n, 3) is least steep to."""
+    z = unit(normals.mean(axis=0))
+    for sharpness in (2.0, 4.0, 8.0):  # soft maximum of the smallest normal . z
+        z = unit(np.exp(-sharpness * (normals @ z)) @ normals)
+    x, y = tangent_frame(z)
+    origin = points.mean(axis=0)
+    flat = (points - origin) @ np.column_stack([x, y])
+    long = np.linalg.eigh(flat.T @ flat)[1][:, 1]
+    x = long[0] * x + long[1] * y
+    frame = np.stack([x, np.cross(z, x), z])
+    local = (points - origin) @ frame.T
+    return _Chart("plane", origin, frame, local[:, :2], local[:, 2], normals @ z)
+
+
+def _axis_chart(points: Array, normals: Array) -> _Chart:
+    """About the direction most nearly across all normals, through the point nearest to all normal lines."""
+    z = np.linalg.eigh(normals.T @ normals)[1][:, 0]
+    x, y = tangent_frame(z)
+    across = np.column_stack([x, y])
+    flat, arrows = points @ across, unit(normals @ across)
+    reject = np.eye(2) - arrows[:, :, None] * arrows[:, None, :]
+    centre = np.linalg.lstsq(reject.sum(0), np.einsum("nij,nj->i", reject, flat), rcond=1e-9)[0]
+    origin = across @ centre + z * float((points @ z).mean())
+    a, b, c = ((points - origin) @ np.stack([x, y, z]).T).T
+    radial = np.column_stack([np.cos(np.arctan2(b, a)), np.sin(np.arctan2(b, a))])
+    slant = np.einsum("ij,ij->i", radial, normals @ across)
+    uv = np.column_stack([np.arctan2(b, a), c])
+    return _Chart("cylinder", origin, np.stack([x, y, z]), uv, np.hypot(a, b), slant)
+
+
+def _refined(chart: _Chart, noise: float) -> tuple[BSplineSurface, float]:
+    """Spans doubled in the direction that gains more, until the noise is reached. The patch and its rms.
+
+    One step that gains little is forgiven (a fold may need several knots), a second one not.
+    """
+    spans = (1, 1) if chart.base == "plane" else (6, 1)
+    best = current = (*_solved(chart, spans), spans)
+    patience = 1
+    while current[1] > max(1.1 * noise, _FINEST) and patience >= 0:
+        u, v = current[2]
+        trials = [
+            trial for trial in ((2 * u, v), (u, 2 * v), (2 * u, 2 * v)) if _affordable(*trial, len(chart.uv))
+        ]
+        if not trials:
+            break
+        current = min(((*_solved(chart, trial), trial) for trial in trials), key=lambda found: found[1])
+        if current[1] < _LEAST_GAIN * best[1]:
+            best, patience = current, 1
+        else:
+            patience -= 1
+    return best[0], best[1]
+
+
+def _affordable(spans_u: int, spans_v: int, points: int) -> bool:
+    controls = (spans_u + DEGREE, spans_v + DEGREE)
+    return max(controls) <= _MOST_CONTROLS and controls[0] * controls[1] <= max(points // 2, 16)
+
+
+def _solved(chart: _Chart, spans: tuple[int, int]) -> tuple[BSplineSurface, float]:
+    """Least squares on a grid of spans: the patch and the rms of the orthogonal distances."""
+    low, high = chart.uv.min(axis=0), chart.uv.max(axis=0)
+    margin = np.maximum(_MARGIN * (high - low), 1e-9 + 1e-3 * (high - low).max())
+    low, high = low - margin, high + margin
+    knots_u = _clamped(low[0], high[0], spans[0]) if chart.base == "plane" else _periodic(spans[0])
+    knots_v = _clamped(low[1], high[1], spans[1])
+    count_u = len(knots_u) - DEGREE - 1 if chart.base == "plane" else spans[0]
+    count_v = len(knots_v) - DEGREE - 1
+    design = _design(chart, knots_u, knots_v, count_u, count_v)
+    weight = np.abs(chart.slant).clip(0.05)
+    weighted = design.multiply(weight[:, None]).tocsr()
+    normal_matrix = (weighted.T @ weighted).toarray()
+    mean = np.trace(normal_matrix) / len(normal_matrix)
+    roughness = _roughness(chart.base, count_u, count_v)
+    normal_matrix += mean * (_SMOOTHING * roughness + 1e-11 * np.eye(len(roughness)))
+    solution = cho_solve(cho_factor(normal_matrix), weighted.T @ (weight * chart.heights))
+    residual = weight * (design @ solution - chart.heights)
+    heights = solution.reshape(count_u, count_v)
+    if chart.base == "cylinder":
+        heights = np.vstack([heights, heights[:DEGREE]])
+    surface = BSplineSurface(chart.base, chart.origin, chart.frame, knots_u, knots_v, heights)
+    return surface, float(np.sqrt(np.mean(residual**2)))
+
+
+def _clamped(low: float, high: float, spans: int) -> Array:
+    """Cubic knots with full ends."""
+    return np.clip(low + (high - low) / spans * _steps(spans), low, high)
+
+
+def _periodic(spans: int) -> Array:
+    """Uniform cubic knots that go on beyond -pi and pi."""
+    return -np.pi + 2 * np.pi / spans * _steps(spans)
+
+
+def _steps(spans: int) -> Array:
+    """Knots with unit distances, three more on either side of 0 .. spans."""
+    return np.arange(-DEGREE, spans + DEGREE + 1).astype(np.float64)
+
+
+def _design(chart: _Chart, knots_u: Array, knots_v: Array, count_u: int, count_v: int) -> csr_array:
+    """Tensor basis (n, count_u * count_v), sixteen numbers a row; columns beyond count_u wrap around."""
+    rows = len(chart.uv)
+    values, columns = [], []
+    for parameters, knots in ((chart.uv[:, 0], knots_u), (chart.uv[:, 1], knots_v)):
+        basis = BSpline.design_matrix(parameters, knots, DEGREE)
+        values.append(basis.data.reshape(rows, DEGREE + 1))
+        columns.append(basis.indices.reshape(rows, DEGREE + 1))
+    value = values[0][:, :, None] * values[1][:, None, :]
+    column = (columns[0] % count_u)[:, :, None] * count_v + columns[1][:, None, :]
+    start = np.arange(rows + 1) * (DEGREE + 1) ** 2
+    return csr_array((value.ravel(), column.ravel(), start), shape=(rows, count_u * count_v))
+
+
+def _roughness(base: Base, count_u: int, count_v: int) -> Array:
+    """Sum of squared second differences of the control heights, as a matrix (count, count)."""
+
+    def gram(count: int, periodic: bool) -> Array:
+        eye = np.eye(count)
+        second = np.roll(eye, 1, axis=0) - 2 * eye + np.roll(eye, -1, axis=0)
+        second = second if periodic else second[1:-1]
+        return np.asarray(second.T @ second)
+
+    along_u = np.kron(gram(count_u, base == "cylinder"), np.eye(count_v))
+    return np.asarray(along_u + np.kron(np.eye(count_u), gram(count_v, False)))

@@ -1,0 +1,28 @@
+"""From the name of a kind to its class."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from sed2cad.primitives.base import Primitive
+
+_CLASSES = {
+    "plane": "Plane",
+    "cylinder": "Cylinder",
+    "cone": "Cone",
+    "sphere": "Sphere",
+    "torus": "Torus",
+    "bspline": "BSplineSurface",
+}
+
+KINDS: tuple[str, ...] = tuple(_CLASSES)
+ANALYTIC_KINDS: tuple[str, ...] = KINDS[:-1]
+
+
+def primitive_class(kind: str) -> type[Primitive]:
+    """The class whose `kind` this is. ValueError for an unknown kind."""
+    if kind not in _CLASSES:
+        raise ValueError(f"There is no primitive '{kind}'; there are {', '.join(KINDS)}.")
+    module = import_module(f"sed2cad.primitives.{kind}")
+    found: type[Primitive] = getattr(module, _CLASSES[kind])
+    return found

@@ -1,0 +1,1 @@
+"""What is written beside the STEP file: model JSON, script, pictures."""

@@ -1,0 +1,1 @@
+"""Reading scans and bringing them into the unit frame."""

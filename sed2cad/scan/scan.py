@@ -1,0 +1,62 @@
+"""The scan as every stage sees it: points, normals, perhaps a mesh, in the unit frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The unit frame: world = scale * unit + origin. The part's bounding box has its centre at 0, diagonal 1."""
+
+    origin: Array  # (3,), world units
+    scale: float  # diagonal of the part's bounding box, world units
+
+    def to_unit(self, points: Array) -> Array:
+        """World (n, 3) to unit frame."""
+        return (points - self.origin) / self.scale
+
+    def to_world(self, points: Array) -> Array:
+        """Unit frame (n, 3) to world."""
+        return points * self.scale + self.origin
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles, counter-clockwise seen from outside."""
+
+    vertices: Array  # (v, 3)
+    faces: NDArray[np.int64]  # (f, 3)
+
+    def face_normals(self) -> tuple[Array, Array]:
+        """Unit normals (f, 3) and areas (f,)."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        cross = np.cross(b - a, c - a)
+        double = np.linalg.norm(cross, axis=1)
+        return cross / np.maximum(double, 1e-300)[:, None], double / 2
+
+    def centroids(self) -> Array:
+        """Centres of the triangles (f, 3)."""
+        return self.vertices[self.faces].mean(axis=1)
+
+    def volume(self) -> float:
+        """Signed volume (divergence theorem); positive when the triangles face outwards."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """What was measured, in the unit frame."""
+
+    points: Array  # (n, 3)
+    normals: Array  # (n, 3), unit, outward
+    mesh: Mesh | None  # the input mesh when there was one: it is the proxy for the topology
+    frame: Frame
+    noise: float  # standard deviation of the points along their normals, unit frame
+    spacing: float  # median distance to the nearest neighbour, unit frame

@@ -1,0 +1,1 @@
+"""From the network's labels to patches: points of one surface."""

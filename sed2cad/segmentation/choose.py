@@ -1,0 +1,77 @@
+"""Which kind of primitive, quickly: the refinement asks this thousands of times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sed2cad.primitives.base import Primitive
+from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.refine import refine
+from sed2cad.primitives.registry import primitive_class
+from sed2cad.primitives.starts import starts
+from sed2cad.segmentation.energy import Tolerances, data_cost
+
+Array = NDArray[np.float64]
+
+MOST_POINTS = 240
+LIKELY = 0.5
+SIMPLE_FIRST = ("plane", "cylinder", "sphere", "cone", "torus")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A primitive, the side of it that is outside (sign), and its data cost over the points."""
+
+    primitive: Primitive
+    sign: int
+    cost: float
+
+
+def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: float = 0.0) -> Choice | None:
+    """The kind of least data cost + 3/2 freedom log n over points (n, 3) (Schwarz 1978, with a stricter price).
+
+    Simple kinds first; a kind that leaves nothing to explain ends the search. A B-spline is tried where the analytic
+    kinds leave much and the points are likely to be `freeform` (probability).
+    """
+    count = len(points)
+    if count > MOST_POINTS:
+        chosen = np.linspace(0, count - 1, MOST_POINTS).astype(np.int64)
+        points, normals = points[chosen], normals[chosen]
+    best: Choice | None = None
+    least = np.inf
+    for kind in SIMPLE_FIRST:
+        freedom = primitive_class(kind).freedom
+        if freedom >= len(points):
+            continue
+        found = _fit(kind, points, normals, tolerances)
+        if found is None:
+            continue
+        price = found.cost + 0.75 * freedom * np.log(len(points))
+        if price < least:
+            best, least = found, price
+        if best is not None and best.cost < (0.5 if kind == "plane" else 0.7) * len(points):
+            break
+    if freeform > LIKELY and len(points) >= 16 and (best is None or best.cost > 1.5 * len(points)):
+        surface = fit_bspline(points, normals, tolerances.distance)
+        found = surface and _rate(surface, points, normals, tolerances)
+        if found and (best is None or found.cost < 0.7 * best.cost):
+            best = found
+    return best and Choice(best.primitive, best.sign, best.cost * count / len(points))
+
+
+def _fit(kind: str, points: Array, normals: Array, tolerances: Tolerances) -> Choice | None:
+    """The best algebraic start, a few steps downhill."""
+    trials = [_rate(start, points, normals, tolerances) for start in starts(kind, points, normals)]
+    if not trials:
+        return None
+    best = min(trials, key=lambda trial: trial.cost).primitive
+    return _rate(refine(best, points, tolerances.distance, steps=5), points, normals, tolerances)
+
+
+def _rate(primitive: Primitive, points: Array, normals: Array, tolerances: Tolerances) -> Choice:
+    cosine = np.einsum("ij,ij->i", primitive.normal(points), normals)
+    sign = 1 if np.median(cosine) >= 0 else -1
+    return Choice(primitive, sign, float(data_cost(primitive, sign, points, normals, tolerances).sum()))

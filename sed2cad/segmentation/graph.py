@@ -1,0 +1,60 @@
+"""The neighbour graph that patches are connected on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Undirected: i and j are joined when either is among the other's k nearest and the normals do not oppose."""
+
+    pairs: NDArray[np.int64]  # (m, 2), i < j, unique
+    weights: Array  # (m,) how strongly two neighbours want the same patch, 0..1
+    place: Array  # (n, 6) the space in which neighbours are near
+    spacing: float  # of the points
+
+    @property
+    def size(self) -> int:
+        return len(self.place)
+
+    def adjacency(self) -> csr_matrix:
+        """Symmetric (n, n) matrix of the weights."""
+        i, j = self.pairs.T
+        both = coo_matrix(
+            (np.r_[self.weights, self.weights], (np.r_[i, j], np.r_[j, i])), shape=(self.size, self.size)
+        )
+        return both.tocsr()
+
+    def components(self, joined: NDArray[np.bool_]) -> Labels:
+        """Connected components (n,) over the pairs that `joined` (m,) keeps."""
+        i, j = self.pairs[joined].T
+        links = coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(self.size, self.size))
+        return connected_components(links, directed=False)[1].astype(np.int64)
+
+
+def neighbour_graph(
+    points: Array, normals: Array, spacing: float, k: int = 10, crease: float = 0.25, turn: float = 8.0
+) -> Graph:
+    """Join each point to its k nearest in (x, turn * spacing * n): a point of a narrow rim finds its neighbours along
+    the rim, not on the large faces beside it. Pairs across a crease (normals apart by more than `crease` radians or so)
+    get a small weight, opposed normals (the two sides of a thin wall) none at all."""
+    place = np.hstack([points, turn * spacing * normals])
+    near = cKDTree(place).query(place, k=k + 1)[1][:, 1:]
+    i = np.repeat(np.arange(len(points)), near.shape[1])
+    low, high = np.minimum(i, near.ravel()), np.maximum(i, near.ravel())
+    pairs = np.unique(np.column_stack([low, high])[low != high], axis=0)
+    cosine = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
+    facing = cosine > -0.5
+    pairs, cosine = pairs[facing], cosine[facing]
+    angle = np.arccos(np.clip(cosine, -1, 1))
+    return Graph(pairs.astype(np.int64), 0.1 + 0.9 * np.exp(-0.5 * (angle / crease) ** 2), place, spacing)

@@ -1,0 +1,260 @@
+"""Segmentation: the proposals of the network, refined by the primitives they lead to.
+
+    propose clusters -> fit -> label (energy) -> refit, drop, merge, split, propose where nothing explains -> ...
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from sed2cad.segmentation.choose import Choice, choose
+from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances, data_cost, mean_field, reach
+from sed2cad.segmentation.graph import Graph
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
+
+Key = tuple[int, int, int]
+
+FEWEST = 5  # points that make a patch
+
+
+@dataclass(frozen=True)
+class State:
+    """Labels (n,) and the primitive of each label."""
+
+    labels: Labels
+    primitives: tuple[Choice, ...]
+
+
+class Refiner:
+    """Holds what does not change between the rounds: points, normals, graph, prices."""
+
+    def __init__(
+        self, points: Array, normals: Array, graph: Graph, tolerances: Tolerances, freeform: Array | None = None
+    ) -> None:
+        """freeform (n,): probability of each point to lie on a surface that is none of the analytic kinds."""
+        self.freeform = np.zeros(len(points)) if freeform is None else freeform
+        self.points, self.normals, self.graph, self.tolerances = points, normals, graph, tolerances
+        self.adjacency: csr_matrix = graph.adjacency()
+        self.place = graph.place
+        self.chosen: dict[Key, Choice | None] = {}  # what sets of points have chosen before
+        self.apart: set[tuple[Key, Key]] = set()  # pairs of patches that did not want to be one
+        self.near = cKDTree(points).query_pairs(4 * graph.spacing, output_type="ndarray")
+
+    def run(self, proposals: list[Labels], rounds: int = 6) -> State:
+        """Refine until nothing moves; every proposal (n,) contributes its clusters as candidates."""
+        state = self.start(proposals)
+        for _ in range(rounds):
+            before = state.labels
+            state = self.relabel(state)
+            state = self.split(state)
+            state = self.refit(state)
+            state = self.propose_unexplained(state)
+            state = self.merge(state)
+            if np.mean(before != state.labels) < 1e-3 and len(before) == len(state.labels):
+                break
+        return self.relabel(state, final=True)
+
+    # the steps -------------------------------------------------------------------------------------------
+
+    def start(self, proposals: list[Labels]) -> State:
+        """First labels: every point takes, among the clusters that it was proposed in, the one that explains it best."""
+        labels = np.full(self.graph.size, UNEXPLAINED)
+        least = np.full(self.graph.size, self.tolerances.cap)
+        primitives: list[Choice] = []
+        for clusters in proposals:
+            for members in _groups(clusters):
+                found = self._choose(members)
+                if found is None:
+                    continue
+                cost = self._data_cost(found, members)
+                better = cost < least[members]
+                least[members[better]] = cost[better]
+                labels[members[better]] = len(primitives)
+                primitives.append(found)
+        return self._compact(State(labels, tuple(primitives)))
+
+    def relabel(self, state: State, final: bool = False) -> State:
+        """Minimise the energy over the labels, then drop primitives that do not pay for themselves."""
+        cost = self._cost(state)
+        price = 1.5 if final else 0.6  # of leaving a point unexplained; at first cheap, so that gaps show
+        unexplained = np.full((self.graph.size, 1), price * self.tolerances.cap)
+        allowed = reach(state.labels, cost, self.adjacency, self.tolerances.cap)
+        full = np.hstack([np.where(allowed, cost, np.inf), unexplained])
+        full = self._drop(full)
+        labels = mean_field(full, self.adjacency, self.tolerances.smoothness)
+        labels = np.where(labels == len(state.primitives), UNEXPLAINED, labels)
+        return self._compact(State(labels, state.primitives))
+
+    def _drop(self, full: Array) -> Array:
+        """Close the columns of primitives whose points have nearly as good an explanation elsewhere."""
+        full = full.copy()
+        best = full.argmin(axis=1)
+        for column in np.argsort(np.bincount(best, minlength=full.shape[1])[:-1], kind="stable"):
+            mine = np.flatnonzero(best == column)
+            held = full[mine, column]
+            rest = full[mine]
+            rest[:, column] = np.inf
+            if len(mine) < FEWEST or (rest.min(axis=1) - held).sum() < self.tolerances.primitive:
+                full[:, column] = np.inf
+                best[mine] = rest.argmin(axis=1)
+        return full
+
+    def split(self, state: State) -> State:
+        """Each connected piece of a patch becomes a patch of its own; crumbs lose their label."""
+        i, j = self.graph.pairs.T
+        pieces = self.graph.components(state.labels[i] == state.labels[j])
+        size = np.bincount(pieces)
+        keep = (size[pieces] >= FEWEST) & (state.labels >= 0)
+        kept, labels = np.unique(pieces[keep], return_inverse=True)
+        first = state.labels[keep][np.unique(labels, return_index=True)[1]]
+        out = np.full(self.graph.size, UNEXPLAINED)
+        out[keep] = labels
+        return State(out, tuple(state.primitives[k] for k in first))
+
+    def refit(self, state: State) -> State:
+        """Every patch chooses its kind again and fits it."""
+        fitted = [self._choose(m) or p for m, p in zip(_groups(state.labels), state.primitives)]
+        return replace(state, primitives=tuple(fitted))
+
+    def propose_unexplained(self, state: State) -> State:
+        """New patches among the points that no primitive explains, best first, while they pay for themselves."""
+        i, j = self.graph.pairs.T
+        free = state.labels == UNEXPLAINED
+        labels, primitives = state.labels.copy(), list(state.primitives)
+        pieces = self.graph.components(free[i] & free[j] & (self.graph.weights > 0.2))
+        for piece in np.flatnonzero(np.bincount(pieces[free], minlength=len(free)) >= FEWEST):
+            members = np.flatnonzero((pieces == piece) & free)
+            for found, held in self._explain(members):
+                labels[held] = len(primitives)
+                primitives.append(found)
+        return State(labels, tuple(primitives))
+
+    def _explain(self, members: NDArray[np.int64]) -> list[tuple[Choice, NDArray[np.int64]]]:
+        """Primitives for a connected set of points, greedily: local fits compete by the cost that they save
+        (a RANSAC whose samples are neighbourhoods, after Schnabel et al. 2007)."""
+        out = []
+        while len(members) >= FEWEST and len(out) < 12:
+            best_gain, best = 0.0, None
+            for sample in self._samples(members):
+                found = self._choose(sample)
+                if found is None:
+                    continue
+                cost = self._data_cost(found, members)
+                held = cost < 0.5 * self.tolerances.cap
+                gain = (self.tolerances.cap - cost[held]).sum() - self.tolerances.primitive
+                if held.sum() >= FEWEST and gain > best_gain:
+                    best_gain, best = gain, (found, held)
+            if best is None:
+                break
+            out.append((best[0], members[best[1]]))
+            members = members[~best[1]]
+        return out
+
+    def _samples(self, members: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """The set itself, and neighbourhoods of three sizes around a few of its points."""
+        samples = [members]
+        place = self.place[members]
+        seeds = np.linspace(0, len(members) - 1, min(8, 1 + len(members) // 12)).astype(int)
+        tree = cKDTree(place)
+        for size in (8, 16, 40):
+            if size < len(members):
+                samples += list(members[np.atleast_2d(tree.query(place[seeds], k=size)[1])])
+        return samples
+
+    def merge(self, state: State) -> State:
+        """Join neighbouring patches that one primitive explains as well as two."""
+        labels, primitives = state.labels.copy(), list(state.primitives)
+        alias = np.arange(len(primitives))
+        for a, b in self._near_pairs(state):
+            a, b = alias[a], alias[b]
+            if a == b:
+                continue
+            of_a, of_b = np.flatnonzero(labels == a), np.flatnonzero(labels == b)
+            pair = (_key(of_a), _key(of_b))
+            if pair in self.apart:
+                continue
+            joint = self._choose(np.r_[of_a, of_b])
+            if joint is None:
+                self.apart.add(pair)
+                continue
+            apart = self._data_cost(primitives[a], of_a).sum() + self._data_cost(primitives[b], of_b).sum()
+            together = self._data_cost(joint, np.r_[of_a, of_b]).sum()
+            if together > apart + self.tolerances.primitive:
+                self.apart.add(pair)
+            else:
+                labels[labels == b] = a
+                alias[alias == b] = a
+                primitives[a] = joint
+        return self._compact(State(labels, tuple(primitives)))
+
+    # helpers ---------------------------------------------------------------------------------------------
+
+    def _choose(self, members: NDArray[np.int64]) -> Choice | None:
+        if len(members) < FEWEST:
+            return None
+        key = _key(members)
+        if key not in self.chosen:
+            freeform = float(self.freeform[members].mean())
+            self.chosen[key] = choose(self.points[members], self.normals[members], self.tolerances, freeform)
+        return self.chosen[key]
+
+    def _data_cost(self, choice: Choice, members: NDArray[np.int64]) -> Array:
+        points, normals = self.points[members], self.normals[members]
+        return data_cost(choice.primitive, choice.sign, points, normals, self.tolerances)
+
+    def _cost(self, state: State) -> Array:
+        """Data cost (n, k). Freeform patches, slow to measure and meaningless far away, only around their points."""
+        cost = np.full((self.graph.size, len(state.primitives)), self.tolerances.cap)
+        everyone = np.arange(self.graph.size)
+        for column, (choice, members) in enumerate(zip(state.primitives, _groups(state.labels))):
+            near = everyone if choice.primitive.freedom else self._around(members)
+            cost[near, column] = self._data_cost(choice, near)
+        return cost
+
+    def _around(self, members: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Points in the box of the members, widened by ten spacings."""
+        margin = 10 * self.graph.spacing
+        low, high = self.points[members].min(axis=0) - margin, self.points[members].max(axis=0) + margin
+        return np.flatnonzero(((self.points > low) & (self.points < high)).all(axis=1))
+
+    def _near_pairs(self, state: State) -> list[tuple[int, int]]:
+        """Pairs of patches that come near each other without a crease between, most common first."""
+        i, j = self.near.T
+        a, b = state.labels[i], state.labels[j]
+        across = (a != b) & (a >= 0) & (b >= 0)
+        base = len(state.primitives)
+        key = np.minimum(a, b)[across] * base + np.maximum(a, b)[across]
+        key, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+        cosine = np.einsum("ij,ij->i", self.normals[i[across]], self.normals[j[across]])
+        smooth = np.full(len(key), -1.0)
+        np.maximum.at(smooth, inverse, cosine)
+        chosen = np.flatnonzero(smooth > 0.8)
+        order = chosen[np.argsort(-count[chosen], kind="stable")]
+        return [(int(key[k] // base), int(key[k] % base)) for k in order]
+
+    def _compact(self, state: State) -> State:
+        used, labels = np.unique(state.labels[state.labels >= 0], return_inverse=True)
+        out = np.full(len(state.labels), UNEXPLAINED)
+        out[state.labels >= 0] = labels
+        return State(out, tuple(state.primitives[k] for k in used))
+
+
+def _groups(labels: Labels) -> list[NDArray[np.int64]]:
+    """Members of each label from 0 up, in order; labels below 0 are left out."""
+    order = np.argsort(labels, kind="stable")
+    order = order[labels[order] >= 0]
+    if not len(order):
+        return []
+    return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
+
+
+def _key(members: NDArray[np.int64]) -> Key:
+    """Tells sets of points apart, nearly surely."""
+    return len(members), int(members[0]), int(members.sum())

@@ -1,0 +1,1 @@
+"""From fitted patches to regions, chains and corners."""
