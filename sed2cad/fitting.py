@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
@@ -19,7 +20,7 @@ from sed2cad.scan.scan import Scan
 _TRIAL_POINTS = 200  # to compare first guesses
 _TRIALS = 3  # starts that are worth a few steps
 _START_POINTS = 1000  # to make them and to refine the best
-_SPLINE_POINTS = 1500  # enough to see whether a freeform surface is called for
+_MOST_SPLINE_POINTS = 5000  # enough for the most knots
 _OUTLIER = 12.0  # chi^2 of a point that belongs elsewhere
 _NORMAL_NOISE = 0.05  # radians; normals are not better than that
 _INDEPENDENT = 50  # points of a patch that err independently, as far as parameters are concerned
@@ -31,7 +32,7 @@ FACE_SHARES: Mapping[str, float] = {
     "plane": 0.60,
     "cylinder": 0.27,
     "cone": 0.045,
-    "sphere": 0.001,  # 0.006, but a narrow ring of one is nearly always a chamfer, a cone
+    "sphere": 0.0003,  # 0.006, but a narrow ring of one is nearly always a chamfer, a cone
     "torus": 0.005,  # 0.02, but the freest of all imitates any other
     "bspline": 0.01,
 }
@@ -55,16 +56,14 @@ def fit(kind: str, points: Array, normals: Array, noise: float) -> tuple[Primiti
     """
     if len(points) < 3 or (kind == "bspline" and len(points) < 6):
         return None
+    primitive: Primitive | None
     if kind == "bspline":
-        surface = fit_bspline(points, normals, noise)
-        return None if surface is None else (surface, _rms(surface.distance(points)), np.zeros((0, 0)))
-    primitive = (
-        _robust_plane(points, normals, noise) if kind == "plane" else _robust(kind, points, normals, noise)
-    )
-    if primitive is None:
-        return None
-    covariance = uncertainty(primitive, points, noise).covariance
-    return primitive, _rms(primitive.distance(points)), covariance
+        primitive = fit_bspline(*_thinned(points, normals, _MOST_SPLINE_POINTS), noise)
+    elif kind == "plane":
+        primitive = _robust_plane(points, normals, noise)
+    else:
+        primitive = _robust(kind, points, normals, noise)
+    return None if primitive is None else _measured(primitive, points, noise)
 
 
 def quick_fit(kind: str, points: Array, normals: Array) -> Primitive | None:
@@ -94,21 +93,29 @@ def select(
     A primitive that is another, simpler one in disguise is not considered, nor a B-spline where anything
     analytic reaches the noise.
     """
-    found = _analytic_fits(points, normals, noise, [kind for kind in ANALYTIC_KINDS if kind in kinds])
+    few = _thinned(points, normals, _START_POINTS)
+    found = _analytic_fits(*few, noise, [kind for kind in ANALYTIC_KINDS if kind in kinds])
     scale = max(noise, _FINEST)
-    if "bspline" in kinds and not any(_explains(entry.primitive, points, scale) for entry in found):
-        surface = fit_bspline(*_thinned(points, normals, _SPLINE_POINTS), noise)
-        found += [] if surface is None else [_Candidate(surface, _robust_sigma(surface, points, noise))]
+    if "bspline" in kinds and not any(_explains(entry.primitive, few[0], scale) for entry in found):
+        surface = fit_bspline(*few, noise)
+        found += [] if surface is None else [_Candidate(surface, _robust_sigma(surface, few[0], noise))]
     if not found:
         return None
     prior = {kind: np.log(share) for kind, share in FACE_SHARES.items()} if log_prior is None else log_prior
     sigma = max(scale, min(entry.sigma for entry in found))
-    costs = _costs([entry.primitive for entry in found], points, normals, sigma)
+    costs = _costs([entry.primitive for entry in found], *few, sigma)
     costs -= 2 * np.array([prior.get(entry.primitive.kind, 0.0) for entry in found])
     best = int(np.argmin(costs))
-    primitive = found[best].primitive
+    chosen = found[best].primitive
+    final = fit(chosen.kind, points, normals, noise) if len(points) > len(few[0]) else None
+    primitive, rms, covariance = final or _measured(chosen, points, noise)
+    return FittedPrimitive(primitive, rms, covariance, float(costs[best]))
+
+
+def _measured(primitive: Primitive, points: Array, noise: float) -> tuple[Primitive, float, Array]:
+    """The primitive with its rms and covariance."""
     covariance = uncertainty(primitive, points, noise).covariance
-    return FittedPrimitive(primitive, _rms(primitive.distance(points)), covariance, float(costs[best]))
+    return primitive, root_mean_square(primitive.distance(points)), covariance
 
 
 def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
@@ -119,12 +126,20 @@ def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
     return [_fit_patch(scan, patch) for patch in patches]
 
 
-def _fit_patch(scan: Scan, patch: Patch) -> FittedPatch:
+def used_points(patch: Patch) -> NDArray[np.int64]:
+    """Indices of the points that a fit of this patch looks at: the interior, where there is enough of it."""
     kind = patch.kind if patch.kind in KINDS else "bspline"
     enough = max(12, 3 * primitive_class(kind).freedom)
-    inner = patch.interior if kind != "bspline" and patch.interior.sum() >= enough else slice(None)
-    points, normals = scan.points[patch.indices[inner]], scan.normals[patch.indices[inner]]
-    found = fit(kind, points, normals, scan.noise)
+    return (
+        patch.indices[patch.interior]
+        if kind != "bspline" and patch.interior.sum() >= enough
+        else patch.indices
+    )
+
+
+def _fit_patch(scan: Scan, patch: Patch) -> FittedPatch:
+    points, normals = scan.points[used_points(patch)], scan.normals[used_points(patch)]
+    found = fit(patch.kind, points, normals, scan.noise) if patch.kind in KINDS else None
     if found is None:
         chosen = select(points, normals, scan.noise) if len(points) >= 3 else None
         found = (chosen.primitive, chosen.rms, chosen.covariance) if chosen else _any_plane(points, normals)
@@ -137,7 +152,7 @@ def _any_plane(points: Array, normals: Array) -> tuple[Primitive, float, Array]:
     """A plane through one or two points."""
     normal = normals[0]
     plane = Plane(normal, float(normal @ points.mean(axis=0)))
-    return plane, _rms(plane.distance(points)), np.eye(3)
+    return plane, root_mean_square(plane.distance(points)), np.eye(3)
 
 
 def _robust(kind: str, points: Array, normals: Array, noise: float) -> Primitive | None:
@@ -181,7 +196,7 @@ def _analytic_fits(points: Array, normals: Array, noise: float, kinds: Sequence[
         if fitted is None or _radius(fitted[0]) > _LARGEST_RADIUS:
             continue
         primitive = fitted[0]
-        if kind != "plane" and len(kinds) > 1 and is_degenerate(primitive, points, tolerance / 2):
+        if kind != "plane" and len(kinds) > 1 and is_degenerate(primitive, points, tolerance):
             continue
         found.append(_Candidate(primitive, _robust_sigma(primitive, points, noise)))
     return found
@@ -241,5 +256,5 @@ def _thinned(points: Array, normals: Array, most: int) -> tuple[Array, Array]:
     return points[chosen], normals[chosen]
 
 
-def _rms(residual: Array) -> float:
+def root_mean_square(residual: Array) -> float:
     return float(np.sqrt(np.mean(residual**2)))

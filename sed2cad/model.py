@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sed2cad.errors import AssemblyError, UsageError
 from sed2cad.primitives.base import FittedPatch, Primitive
+from sed2cad.primitives.names import primitive_names
 from sed2cad.primitives.registry import primitive_class
 from sed2cad.report.report import Report
 from sed2cad.scan.scan import Frame
@@ -63,19 +64,21 @@ class CadModel:
         UsageError for an unknown primitive or parameter, AssemblyError when the changed surfaces no longer make
         a closed valid solid.
         """
-        from sed2cad.assembly import reassemble
+        from sed2cad.assembly import face_names, reassemble
 
+        if not self.topology.regions:
+            raise UsageError(f"{self.name}: the solid is made of facets and has no parameters to vary")
         fitted = list(self.fitted)
         for name, parameters in changes.items():
             if name not in self.names:
                 raise UsageError(f"there is no primitive {name!r}: this model has {', '.join(self.names)}")
             i = self.names.index(name)
             fitted[i] = replace(fitted[i], primitive=self._changed(name, parameters))
-        solid = reassemble(self.frame, fitted, self.topology, self.names)
+        solid = reassemble(self.frame, fitted, self.topology)
         if not solid.gate.passed:
             raise AssemblyError(f"{self.name}: the changed surfaces do not close to a valid solid ({solid.gate.reason})")
         return replace(
-            self, fitted=tuple(fitted), brep=solid.brep, face_names=solid.face_names,
+            self, fitted=tuple(fitted), brep=solid.brep, face_names=face_names(solid, fitted),
             report=self.report.for_variant(solid),
         )
 
@@ -120,14 +123,3 @@ class CadModel:
         from sed2cad.report.script import write_script
 
         write_script(self, Path(path), Path(document))
-
-
-def primitive_names(fitted: tuple[FittedPatch, ...]) -> tuple[str, ...]:
-    """plane_1, plane_2, cylinder_1, ...: numbered in order within each kind."""
-    count: dict[str, int] = {}
-    names = []
-    for patch in fitted:
-        kind = patch.primitive.kind
-        count[kind] = count.get(kind, 0) + 1
-        names.append(f"{kind}_{count[kind]}")
-    return tuple(names)

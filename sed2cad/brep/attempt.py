@@ -1,4 +1,4 @@
-"""One attempt at a solid: exact surfaces on a traced topology, or facets. Runs in a child process (worker.py)."""
+"""One attempt at a solid: exact surfaces on a traced topology, or facets. Run it in a worker (worker.py)."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from sed2cad.brep.fix import VARIANTS, Variant, fix
 from sed2cad.brep.gate import Checked, Expected, GateResult, Limits, check
 from sed2cad.brep.kernel import Array, to_bytes
 from sed2cad.brep.solid import build_bodies
+from sed2cad.errors import AssemblyError
 from sed2cad.geometry.layout import Draft
 from sed2cad.geometry.realise import realise
 from sed2cad.geometry.seams import place
@@ -75,6 +76,7 @@ class AssemblyResult:
     brep: bytes  # see kernel.from_bytes
     faces: tuple[FaceReport, ...]  # in the order of the solid's faces
     gate: GateResult
+    variant: str  # of the repair; "facets" for a faceted solid
 
     @property
     def exact(self) -> bool:
@@ -91,11 +93,27 @@ def assemble(attempt: Attempt) -> AssemblyResult:
     draft = Draft(topology, realise(topology, attempt.fitted), attempt.fitted)
     layout = place(draft).in_world(frame)
     hollow = cavities(layout, [region.area for region in topology.regions])
-    shapes = []
-    for body, number in zip(build_bodies(layout), sorted(hollow)):
-        fixed = fix(body, frame.scale, attempt.options.variants)
-        shapes.append(BodyShape(fixed.solid, fixed.regions, hollow[number]))
-    joined = join(shapes)
+    bodies = build_bodies(layout)
+    best: tuple[int, AssemblyResult] | None = None
+    for variant in attempt.options.variants:
+        repaired = [fix(body, frame.scale, variant) for body in bodies]
+        faults = sum(fixed.faults for fixed in repaired)
+        if best is not None and faults >= best[0] > 0:
+            continue
+        shapes = [BodyShape(f.solid, f.regions, hollow[k]) for f, k in zip(repaired, sorted(hollow))]
+        result = _judged(attempt, join(shapes), variant)
+        if result.gate.passed:
+            return result
+        if best is None or faults < best[0]:
+            best = faults, result
+    if best is None:
+        raise AssemblyError("no repair of the solid was asked for")
+    return best[1]
+
+
+def _judged(attempt: Attempt, joined: Joined, variant: Variant) -> AssemblyResult:
+    """The gate's verdict on one repair."""
+    topology, frame = attempt.topology, attempt.frame
     primitive_of = [region.primitive for region in topology.regions]
     numbers = [primitive_of[r] if r >= 0 else -1 for r in joined.regions]
     world: list[Primitive | None] = [
@@ -104,7 +122,8 @@ def assemble(attempt: Attempt) -> AssemblyResult:
     volume = topology.volume * frame.scale**3
     expected = Expected(joined.solids, volume, _judges(attempt.points, frame), frame.scale)
     checked = check(joined.shape, world, expected, attempt.options.limits)
-    return AssemblyResult(to_bytes(joined.shape), _reports(joined, numbers, world, checked), checked.result)
+    reports = _reports(joined, numbers, world, checked)
+    return AssemblyResult(to_bytes(joined.shape), reports, checked.result, variant)
 
 
 def assemble_faceted(attempt: FacetedAttempt) -> AssemblyResult:
@@ -116,7 +135,7 @@ def assemble_faceted(attempt: FacetedAttempt) -> AssemblyResult:
     expected = Expected(joined.solids, mesh.volume(), _judges(attempt.points, frame), frame.scale)
     checked = check(joined.shape, nothing, expected, attempt.options.limits)
     reports = _reports(joined, [-1] * len(nothing), nothing, checked)
-    return AssemblyResult(to_bytes(joined.shape), reports, checked.result)
+    return AssemblyResult(to_bytes(joined.shape), reports, checked.result, "facets")
 
 
 def _judges(points: Array, frame: Frame) -> Array:

@@ -1,12 +1,11 @@
 """Bring a raw solid into the kernel's order: curves on surfaces, seams, tolerances; and check it.
 
-ShapeFix's many repairs help mostly and harm sometimes, so a few selections of them are tried until BRepCheck is
-content. The history tells which face of the result came from which region.
+ShapeFix's many repairs help mostly and harm sometimes, so a few selections of them are tried until the gate
+is content. The history tells which face of the result came from which region.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,6 +22,7 @@ from sed2cad.brep.solid import PRECISION, Body
 Variant = Literal["full", "min", "min+", "loose"]
 VARIANTS: tuple[Variant, ...] = ("full", "min", "min+", "loose")
 
+_HOPELESS = 1000  # faults of a body that the repair gave up on
 _LARGEST = 0.02  # of the diagonal: no repair may raise a tolerance above this
 _LOOSE = 1e-4  # of the diagonal: precision of the loose variant
 
@@ -53,27 +53,18 @@ class Fixed:
 
     solid: TopoDS_Shape  # a solid, unless the repair broke it apart
     regions: tuple[int, ...]  # of each of its faces, in order; -1 where the history does not tell
-    variant: Variant
-    faults: int  # 0: one closed valid solid
+    faults: int  # 0: one closed valid solid with all of its faces
 
 
-def fix(body: Body, diagonal: float, variants: Sequence[Variant] = VARIANTS) -> Fixed:
-    """The first variant that gives one closed valid solid, or else the one with the fewest faults."""
-    best: Fixed | None = None
-    for variant in variants:
-        try:
-            fixed = _fixed(body, diagonal, variant)
-        except (Standard_Failure, RuntimeError):
-            continue
-        if best is None or fixed.faults < best.faults:
-            best = fixed
-        if best.faults == 0:
-            break
-    return best or Fixed(body.solid, body.regions, variants[0], 1000)
+def fix(body: Body, diagonal: float, variant: Variant) -> Fixed:
+    """One selection of repairs on a copy of the body."""
+    try:
+        return _fixed(body, diagonal, variant)
+    except (Standard_Failure, RuntimeError):
+        return Fixed(body.solid, body.regions, _HOPELESS)
 
 
 def _fixed(body: Body, diagonal: float, variant: Variant) -> Fixed:
-    """One variant, on a copy of the body."""
     copy = BRepBuilderAPI_Copy(body.solid)
     tool = ShapeFix_Shape(copy.Shape())
     tool.SetPrecision(_LOOSE * diagonal if variant == "loose" else PRECISION)
@@ -90,7 +81,9 @@ def _fixed(body: Body, diagonal: float, variant: Variant) -> Fixed:
         shape = found[0]
         if volume(shape) < 0:
             BRepLib.OrientClosedSolid_s(TopoDS.Solid_s(shape))
-    return Fixed(shape, _regions(body, copy, tool, shape), variant, _faults(shape))
+    regions = _regions(body, copy, tool, shape)
+    lost = len(set(body.regions) - set(regions))
+    return Fixed(shape, regions, _faults(shape) + lost)
 
 
 def _regions(

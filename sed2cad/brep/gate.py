@@ -16,7 +16,7 @@ from sed2cad.brep.step import read_step, write_step
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import Primitive
 
-_DEFLECTION = 1e-3  # of the diagonal: tessellation for distances
+_DEFLECTION = 2e-3  # of the diagonal: tessellation for distances
 _ROUND_TRIP = 1e-3  # relative change of the volume by writing and reading
 
 
@@ -97,8 +97,14 @@ def check(
 
 
 def _first_fault(
-    count: int, closed: bool, valid: bool, ratio: float, near: float, tolerance: float,
-    expected: Expected, limits: Limits,
+    count: int,
+    closed: bool,
+    valid: bool,
+    ratio: float,
+    near: float,
+    tolerance: float,
+    expected: Expected,
+    limits: Limits,
 ) -> str:
     """The first thing that is wrong; NaN stands for what cannot be checked."""
     if count != expected.bodies:

@@ -14,7 +14,7 @@ from OCP.BRepGProp import BRepGProp
 from OCP.BRepTools import BRepTools
 from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt
 from OCP.GProp import GProp_GProps
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_ShapeEnum, TopAbs_SOLID, TopAbs_VERTEX
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_ShapeEnum, TopAbs_SHELL, TopAbs_SOLID, TopAbs_VERTEX
 from OCP.TopExp import TopExp
 from OCP.TopoDS import (
     TopoDS,
@@ -59,7 +59,7 @@ def faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:
 
 
 def face_numbers(shape: TopoDS_Shape, wanted: Sequence[TopoDS_Shape]) -> list[int]:
-    """Where each wanted face stands among the faces of `shape`; -1 for strangers. (== does not compare shapes.)"""
+    """Where each wanted face stands among the faces of `shape`; -1: nowhere. (== does not compare shapes.)"""
     found = TopTools_IndexedMapOfShape()
     TopExp.MapShapes_s(shape, TopAbs_FACE, found)
     return [found.FindIndex(face) - 1 for face in wanted]
@@ -105,7 +105,9 @@ def volume(shape: TopoDS_Shape) -> float:
 
 def largest_tolerance(shape: TopoDS_Shape) -> float:
     """The largest tolerance of an edge or vertex."""
-    values = [BRep_Tool.Tolerance_s(e) for e in edges(shape)] + [BRep_Tool.Tolerance_s(v) for v in vertices(shape)]
+    values = [BRep_Tool.Tolerance_s(e) for e in edges(shape)] + [
+        BRep_Tool.Tolerance_s(v) for v in vertices(shape)
+    ]
     return max(values, default=0.0)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from sed2cad.brep.kernel import Array, faces
 from sed2cad.primitives.base import Primitive
 
 _ANGLE = 0.3  # radians between neighbouring triangles
+_BLUR = 3.0  # deflections between a face and its triangles: the kernel takes its limit loosely
 _PAIRS = 200_000  # point-triangle pairs looked at in one go
 
 
@@ -94,10 +95,10 @@ def _face_triangles(face: TopoDS_Face) -> tuple[Array, NDArray[np.int64]]:
 def deviations(
     shape: TopoDS_Shape, primitives: Sequence[Primitive | None], points: Array, deflection: float
 ) -> Deviations:
-    """Distances of points (n, 3) from a valid shape whose faces lie on `primitives` (None: not exactly on one).
+    """Distances of points (n, 3) from a valid shape whose faces lie on `primitives` (None: unknown).
 
-    The nearest triangle tells the face; the distance is then that from the face's own surface, so that it is not
-    blurred by the tessellation, except for points beyond the face's border.
+    The nearest triangle tells the face; the distance is then that from the face's own surface, so that it
+    is not blurred by the tessellation, except for points beyond the face's border.
     """
     mesh = tessellate(shape, deflection)
     distances, nearest = nearest_triangles(points, mesh)
@@ -107,7 +108,7 @@ def deviations(
         if primitive is None or len(mine) == 0:
             continue
         exact = np.abs(primitive.distance(points[mine]))
-        inside = np.abs(distances[mine] - exact) < 1.5 * deflection
+        inside = np.abs(distances[mine] - exact) < _BLUR * deflection
         distances[mine] = np.where(inside, exact, distances[mine])
     return Deviations(distances, owner)
 
@@ -115,23 +116,40 @@ def deviations(
 def nearest_triangles(points: Array, mesh: Triangles) -> tuple[Array, NDArray[np.int64]]:
     """Distance (n,) of points (n, 3) to the nearest triangle, and its number (n,). Exact.
 
-    Only triangles whose bounding box is nearer than the nearest vertex are looked at.
+    Triangles are looked at by size, the large ones first: what is near to them need not look far for small
+    ones.
     """
-    a, b, c = mesh.corners()
-    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    bound = cKDTree(mesh.vertices).query(points)[0] * (1 + 1e-9) + 1e-300
-    distances, numbers = np.full(len(points), np.inf), np.zeros(len(points), np.int64)
-    chunk = max(1, _PAIRS // max(len(a), 1))
-    for first in range(0, len(points), chunk):
-        part = slice(first, first + chunk)
-        p = points[part]
-        outside = np.maximum(np.maximum(low - p[:, None], p[:, None] - high), 0.0)
-        at, triangle = np.nonzero(np.einsum("ijk,ijk->ij", outside, outside) <= bound[part, None] ** 2)
-        off = point_triangle(p[at], a[triangle], b[triangle], c[triangle])
-        order = np.lexsort((off, at))
-        best = order[np.flatnonzero(np.diff(at[order], prepend=-1))]  # the nearest of each point
-        distances[first + at[best]], numbers[first + at[best]] = off[best], triangle[best]
+    corners = mesh.corners()
+    centres = (corners[0] + corners[1] + corners[2]) / 3
+    radii = np.max([np.linalg.norm(corner - centres, axis=1) for corner in corners], axis=0)
+    size = np.floor(np.log2(np.maximum(radii, 1e-300)))
+    to_vertices: Array = cKDTree(mesh.vertices[np.unique(mesh.triangles)]).query(points)[0]
+    distances = to_vertices * (1 + 1e-9) + 1e-300
+    numbers = np.full(len(points), -1, np.int64)
+    for level in np.unique(size)[::-1]:
+        chosen = np.flatnonzero(size == level)
+        for at, triangle in _near_pairs(points, distances, centres, radii, chosen):
+            off = point_triangle(points[at], *(corner[triangle] for corner in corners))
+            order = np.lexsort((off, at))
+            best = order[np.flatnonzero(np.diff(at[order], prepend=-1))]  # the nearest for each point
+            best = best[off[best] <= distances[at[best]]]
+            distances[at[best]], numbers[at[best]] = off[best], triangle[best]
     return distances, numbers
+
+
+def _near_pairs(
+    points: Array, reach: Array, centres: Array, radii: Array, chosen: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Numbers of points and chosen triangles, in batches, where the triangle may come within reach (n,)."""
+    tree = cKDTree(centres[chosen])
+    largest = float(radii[chosen].max())
+    batch = max(1, _PAIRS // len(chosen))
+    for first in range(0, len(points), batch):
+        part = np.arange(first, min(first + batch, len(points)))
+        found = tree.query_ball_point(points[part], reach[part] + largest)
+        at = np.repeat(part, [len(near) for near in found])
+        if len(at):
+            yield at, chosen[np.concatenate([np.asarray(near, np.int64) for near in found])]
 
 
 def point_triangle(p: Array, a: Array, b: Array, c: Array) -> Array:

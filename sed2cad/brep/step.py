@@ -55,11 +55,13 @@ def read_step(path: Path, unit: str = "mm") -> TopoDS_Shape:
 
 
 def read_face_names(path: Path) -> tuple[str, ...]:
-    """The names of the faces of a STEP file, in the order of the faces of the shape that `read_step` gives."""
+    """The names of the faces of a STEP file, in the order of the faces that `read_step` gives."""
     reader = _read(path, "mm")
     transfer = reader.WS().TransferReader()
     items = [transfer.EntityFromShapeResult(face, 1) for face in faces(reader.OneShape())]
-    return tuple(item.Name().ToCString() if isinstance(item, StepShape_AdvancedFace) else "" for item in items)
+    return tuple(
+        item.Name().ToCString() if isinstance(item, StepShape_AdvancedFace) else "" for item in items
+    )
 
 
 def _read(path: Path, unit: str) -> STEPControl_Reader:

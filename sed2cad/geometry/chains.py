@@ -23,14 +23,15 @@ class Projected:
     moved: Array  # (n,)
 
 
-def smoothed(points: Array, closed: bool, passes: int = 6) -> Array:
-    """Points (n, 3) averaged with their neighbours (1/4, 1/2, 1/4); the ends of an open chain stay."""
+def smoothed(points: Array, closed: bool, passes: int = 8) -> Array:
+    """Points (n, 3) freed from zigzag but not shrunk (Taubin 1995); the ends of an open chain stay."""
     points = points.copy()
     for _ in range(passes):
-        if closed:
-            points = 0.5 * points + 0.25 * (np.roll(points, 1, axis=0) + np.roll(points, -1, axis=0))
-        else:
-            points[1:-1] = 0.5 * points[1:-1] + 0.25 * (points[2:] + points[:-2])
+        for weight in (0.5, -0.53):
+            if closed:
+                points += weight * ((np.roll(points, 1, axis=0) + np.roll(points, -1, axis=0)) / 2 - points)
+            else:
+                points[1:-1] += weight * ((points[2:] + points[:-2]) / 2 - points[1:-1])
     return points
 
 
@@ -51,7 +52,7 @@ def resampled(points: Array, count: int, closed: bool) -> Array:
 
 
 def between(points: Array, start: Array, end: Array) -> Array:
-    """The open chain points (n, 3) with its ends moved to start and end (3,), the rest shifted smoothly along."""
+    """The open chain points (n, 3), its ends moved to start and end (3,), the rest shifted smoothly along."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     share = (along / max(float(along[-1]), 1e-300))[:, None]
     return points + (1 - share) * (start - points[0]) + share * (end - points[-1])
@@ -60,11 +61,12 @@ def between(points: Array, start: Array, end: Array) -> Array:
 def onto_both(a: Side, b: Side, points: Array, how: Meeting) -> Projected:
     """Newton from points (n, 3) to the common curve of a and b, each step the shortest that would do.
 
-    Touching surfaces: (d_a + d_b) / 2 = 0 and (n_a - n_b) . u = 0, u from the relative curvature. A resting chain
-    keeps its place sideways: only the first.
+    Touching surfaces: (d_a + d_b) / 2 = 0 and (n_a - n_b) . u = 0, u from the relative curvature. A resting
+    chain keeps its place sideways: only the first.
     """
     found = points.copy()
     contact: Contact | None = None
+    small = 1e-8 if a.free or b.free else 1e-12
     for turn in range(30):
         if how == "crossing":
             step = _crossing_step(a, b, found)
@@ -76,7 +78,7 @@ def onto_both(a: Side, b: Side, points: Array, how: Meeting) -> Projected:
             step = _touching_step(a, b, found, contact)
         size = np.linalg.norm(step, axis=1)
         found -= step * np.minimum(1.0, _LONGEST_STEP / np.maximum(size, 1e-300))[:, None]
-        if size.max() < 1e-12:
+        if size.max() < small:
             break
     moved = np.asarray(np.linalg.norm(found - points, axis=1))
     return Projected(found, off_surfaces(a, b, found), moved)

@@ -11,13 +11,10 @@ from sed2cad.geometry.curves import Array
 from sed2cad.primitives.base import FittedPatch, Primitive
 from sed2cad.primitives.vectors import unit
 
-# Surfaces cross, or touch (their normals agree along the curve), or the place of the curve is open between them:
-# next to a free-form surface, or between two faces of one surface, a chain rests where the proxy mesh has it.
+# Surfaces cross, or touch (their normals agree along the curve), or the place of the curve is open between
+# them: next to a free-form surface, or between two faces of one surface, a chain rests where the mesh has it.
 Meeting = Literal["crossing", "touching", "resting"]
 
-_SHALLOW = np.radians(15.0)  # wider angles between the normals always cross
-_LEVEL = np.radians(3.0)  # narrower ones never cross
-_REACH = 0.04  # unit frame: how far sideways the place where the normals agree may lie
 _STEP = 1e-5  # unit frame: for differences of normals
 
 
@@ -70,25 +67,5 @@ def relative_curvature(a: Side, b: Side, points: Array) -> Contact:
 
 def angles(a: Side, b: Side, points: Array) -> Array:
     """Angles (n,) between the outward normals at the foot points of points (n, 3), radians."""
-    cosine = np.einsum("ij,ij->i", a.outward(a.primitive.project(points)), b.outward(b.primitive.project(points)))
-    return np.arccos(np.clip(cosine, -1.0, 1.0))
-
-
-def meeting(a: Side, b: Side, points: Array) -> Meeting:
-    """How a and b meet along the chain points (n, 3).
-
-    Tangent surfaces have a place near by where their normals agree; a plane and a draft face of 5 degrees do not.
-    """
-    if a.primitive is b.primitive:
-        return "resting"
-    trim = len(points) // 6 if len(points) > 8 else 0
-    middle = points[trim : len(points) - trim]
-    angle = float(np.median(angles(a, b, middle)))
-    if angle > _SHALLOW:
-        return "crossing"
-    if a.free or b.free:
-        return "resting"
-    curvature = float(np.median(relative_curvature(a, b, middle).curvature))
-    if angle < _REACH * curvature:
-        return "touching"
-    return "crossing" if angle > _LEVEL else "resting"
+    one, other = (side.outward(side.primitive.project(points)) for side in (a, b))
+    return np.arccos(np.clip(np.einsum("ij,ij->i", one, other), -1.0, 1.0))

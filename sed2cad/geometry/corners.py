@@ -10,7 +10,9 @@ import numpy as np
 from sed2cad.geometry.contact import Side, relative_curvature
 from sed2cad.geometry.curves import Array
 
-_RANK = 0.02  # singular values below this share of the largest are not solved for
+_RANKS = (0.02, 0.15, 0.3)  # singular values below this share of the largest are not solved for
+_FAR = 0.025  # unit frame: a corner does not lie this far from where the proxy mesh has it
+_STEPS = 25
 _LONGEST_STEP = 0.02  # unit frame
 _LEAST_CURVATURE = 0.5  # 1 / unit: flatter contacts do not say where they touch
 
@@ -25,22 +27,37 @@ class Corner:
     moved: float  # from where the search started
 
 
-def solve_corner(start: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]]) -> Corner:
+def solve_corner(
+    start: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]], resting: bool = False
+) -> Corner:
     """Gauss-Newton from `start` (3,) onto all `sides`, by truncated SVD.
 
     Where normals coincide (the end of a rolling-ball fillet) the distances alone leave the corner free to
     slide: `tangent` pairs add (n_a - n_b) . u = 0, divided by the relative curvature so that it is a length.
+    A corner that runs away is solved again without the directions that its surfaces hardly determine. Where a
+    chain is `resting` at the corner they are left out from the start.
     """
+    for rank in _RANKS[1:] if resting else _RANKS:
+        corner = _gauss_newton(start, sides, tangent, rank)
+        if corner.moved < _FAR:
+            break
+    return corner
+
+
+def _gauss_newton(
+    start: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]], rank: float
+) -> Corner:
+    """The solution in the directions whose singular values are above the share `rank` of the largest."""
     position = start.copy()
-    values = np.zeros(1)
-    for _ in range(40):
+    small = 1e-8 if any(side.free for side in sides) else 1e-12
+    for _ in range(_STEPS):
         values, rows = _residuals(position, sides, tangent)
         left, size, right = np.linalg.svd(rows, full_matrices=False)
-        keep = size > _RANK * size[0]
+        keep = size > rank * size[0]
         step = right[keep].T @ ((left[:, keep].T @ values) / size[keep])
         length = float(np.linalg.norm(step))
         position = position - step * min(1.0, _LONGEST_STEP / max(length, 1e-300))
-        if length < 1e-12:
+        if length < small:
             break
     values, _ = _residuals(position, sides, tangent)
     distances = np.abs(values[: len(sides)])

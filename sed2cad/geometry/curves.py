@@ -1,7 +1,7 @@
 """The curves that edges run on: line, circle, ellipse, and the interpolated rest.
 
-A curve is immutable and in the unit of its points. Its parameter is a length (line, interpolated) or an angle in
-radians (circle, ellipse; period 2 pi).
+A curve is immutable and in the unit of its points. Its parameter is a length (line, interpolated) or an angle
+in radians (circle, ellipse; period 2 pi).
 """
 
 from __future__ import annotations
@@ -85,7 +85,8 @@ class Circle(Curve):
         return np.cross(self.axis, self.x)
 
     def at(self, parameters: Array) -> Array:
-        return self.centre + self.radius * (np.outer(np.cos(parameters), self.x) + np.outer(np.sin(parameters), self.y))
+        way = np.outer(np.cos(parameters), self.x) + np.outer(np.sin(parameters), self.y)
+        return self.centre + self.radius * way
 
     def parameters(self, points: Array) -> Array:
         offset = points - self.centre
@@ -124,11 +125,13 @@ class Ellipse(Curve):
         return self.centre + self.major * np.outer(cos, self.x) + self.minor * np.outer(sin, self.y)
 
     def parameters(self, points: Array) -> Array:
-        """Nearest points by Newton steps on the angle, from the eccentric anomaly."""
+        """Nearest points by Newton steps on the angle, from the best of 32."""
         offset = points - self.centre
         p, q = offset @ self.x, offset @ self.y
-        angle = np.arctan2(q / self.minor, p / self.major)
         a, b = self.major, self.minor
+        tried = np.linspace(0, TURN, 32, endpoint=False)
+        off = (p[:, None] - a * np.cos(tried)) ** 2 + (q[:, None] - b * np.sin(tried)) ** 2
+        angle = tried[off.argmin(axis=1)]
         for _ in range(6):
             cos, sin = np.cos(angle), np.sin(angle)
             slope = (a * a - b * b) * sin * cos - p * a * sin + q * b * cos
@@ -140,7 +143,9 @@ class Ellipse(Curve):
         return replace(self, axis=-self.axis)
 
     def scaled(self, scale: float, origin: Array) -> Ellipse:
-        return Ellipse(scale * self.centre + origin, self.axis, self.x, scale * self.major, scale * self.minor)
+        return Ellipse(
+            scale * self.centre + origin, self.axis, self.x, scale * self.major, scale * self.minor
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,19 +225,40 @@ class Arc:
 
 
 def arc_through(curve: Curve, points: Array, closed: bool) -> Arc:
-    """The arc of `curve` along ordered points (k, 3) on it, from the first to the last, turned to run their way.
+    """The arc of `curve` along ordered points (k, 3), from the first to the last, turned to run their way.
 
     A closed arc makes one full turn from the first point.
     """
     if isinstance(curve, Interpolated):
         return Arc(curve, 0.0, curve.length)
-    way = np.unwrap(curve.parameters(points)) if curve.angular else curve.parameters(points)
-    if way[-1] < way[0]:
-        curve, way = curve.reversed(), -way
-    first = float(way[0])
-    if curve.angular:
-        first = first % TURN
-    if closed:
-        return Arc(curve, first, first + TURN)
+    sweep = (
+        _sweep(curve, points, closed) if curve.angular else float(np.ptp(curve.parameters(points[[0, -1]])))
+    )
+    if _runs_back(curve, points, sweep):
+        curve, sweep = curve.reversed(), abs(sweep)
+    first = float(curve.parameters(points[:1])[0])
     least = 1e-9 if curve.angular else 1e-9 * max(1.0, float(np.abs(points).max()))
-    return Arc(curve, first, first + max(float(way[-1] - way[0]), least))
+    first = first % TURN if curve.angular else first
+    return Arc(curve, first, first + max(sweep, least))
+
+
+def _runs_back(curve: Curve, points: Array, sweep: float) -> bool:
+    """Whether the points go against the curve's parameter."""
+    if curve.angular:
+        return sweep < 0
+    first, last = curve.parameters(points[[0, -1]])
+    return bool(last < first)
+
+
+def _sweep(curve: Curve, points: Array, closed: bool) -> float:
+    """The signed angle that ordered points (k, 3) run along a circle or ellipse.
+
+    First and last point leave a choice of whole turns; the arc whose points lie along the given ones wins.
+    """
+    first, last = curve.parameters(points[[0, -1]])
+    apart = np.mod(last - first + np.pi, TURN) - np.pi
+    choices = np.array([-TURN, TURN]) if closed else apart + TURN * np.array([0.0, -1.0, 1.0])
+    choices = choices[np.abs(choices) < TURN + 1e-6]
+    share = np.linspace(0.0, 1.0, len(points), endpoint=not closed)
+    off = [np.linalg.norm(curve.at(first + share * choice) - points, axis=1).mean() for choice in choices]
+    return float(choices[int(np.argmin(off))])

@@ -1,8 +1,8 @@
 """Intersections of two primitives that are a line, a circle or an ellipse, straight from the parameters.
 
-Surfaces of revolution about one axis are cut in their half-plane (height, radius): a plane, cylinder or cone is a
-straight profile there, a sphere or torus a round one. Tangent surfaces touch in one profile point; where fitted
-ones miss each other by a hair, the point midway is taken.
+Surfaces of revolution about one axis are cut in their half-plane (height, radius): a plane, cylinder or
+cone is a straight profile there, a sphere or torus a round one. Tangent surfaces touch in one profile
+point; where fitted ones miss each other by a hair, the point midway is taken.
 """
 
 from __future__ import annotations
@@ -114,15 +114,15 @@ def _plane_through_torus_axis(plane: Plane, torus: Torus) -> list[Curve]:
     if abs(plane.normal_vector @ torus.axis) > _ANGLE or abs(plane.distance(torus.centre[None])[0]) > _LENGTH:
         return []
     out = torus.major_radius * unit(np.cross(plane.normal_vector, torus.axis))
-    x = torus.axis
-    return [Circle(torus.centre + side * out, plane.normal_vector, x, torus.minor_radius) for side in (1.0, -1.0)]
+    centres = (torus.centre + out, torus.centre - out)
+    return [Circle(centre, plane.normal_vector, torus.axis, torus.minor_radius) for centre in centres]
 
 
 def _cylinder_into_tube(cylinder: Cylinder, torus: Torus) -> list[Curve]:
     """The circle where a pipe bend ends and the straight pipe begins.
 
-    On top of the tube the normals agree all along, so nothing but the axes tells where the circle is: they are
-    taken at their word even when they are not quite tangent.
+    On top of the tube the normals agree all along, so nothing but the axes tells where the circle is: they
+    are taken at their word even when they are not quite tangent.
     """
     offset = torus.centre - cylinder.point
     foot = cylinder.point + float(offset @ cylinder.axis) * cylinder.axis
@@ -150,7 +150,7 @@ def _coaxial(a: Primitive, b: Primitive, tangent: bool) -> list[Curve]:
     points = _touching(first, second) if tangent else _crossing(first, second)
     x = tangent_frame(axis)[0]
     found: list[Curve] = [Circle(origin + h * axis, axis, x, float(r)) for h, r in points if r > _LENGTH]
-    return [circle for circle in found if _lies_on(circle, a) and _lies_on(circle, b)] if not tangent else found
+    return found if tangent else [circle for circle in found if _lies_on(circle, a) and _lies_on(circle, b)]
 
 
 def _lies_on(circle: Curve, primitive: Primitive) -> bool:

@@ -17,12 +17,22 @@ Loop = tuple[tuple[int, int], ...]  # (edge, +1 | -1), the face on the left
 
 
 @dataclass(frozen=True)
+class Pole:
+    """A pole of the surface (end of its axis z) inside the face, within one ring of edges."""
+
+    loop: int  # the ring
+    vertex: int  # its vertex on the seam
+    up: bool  # whether it is the pole towards which z points
+
+
+@dataclass(frozen=True)
 class Placement:
     """Where a surface has its origin, its axis z and the half-plane x of its seam."""
 
     origin: Array  # (3,)
     z: Array  # (3,), unit
     x: Array  # (3,), unit, across z
+    pole: Pole | None = None
 
 
 @dataclass(frozen=True)
@@ -137,8 +147,13 @@ class Draft:
                 self.start_closed(edge, old.arc.first)
         faces = tuple(
             LayoutFace(
-                r, self.primitive(r), self.fitted[region.primitive].sign, placements[r],
-                tuple(tuple(loop) for loop in self.loops[r]), region.points, region.body,
+                r,
+                self.primitive(r),
+                self.fitted[region.primitive].sign,
+                placements[r],
+                tuple(tuple(loop) for loop in self.loops[r]),
+                region.points,
+                region.body,
             )
             for r, region in enumerate(self.topology.regions)
         )

@@ -22,6 +22,7 @@ _SHORT = 0.06  # longer chains are never contracted
 _NEAR = 0.02  # solved corners closer than this may merge
 _TINY = 0.012  # so may the ends of shorter chains
 _SAME = 5e-4  # solved corners closer than this are one
+_SLIVER = 1e-3  # a narrower face would close up if its short ends were contracted
 _FAR = 0.03  # a merged corner moves less than this
 
 
@@ -83,7 +84,7 @@ class CornerClusters:
         return True
 
     def _as_traced(self, k: int, a: int, b: int) -> bool:
-        """Whether the solved corners lie to each other as the chain's ends do: then it is a real, short edge."""
+        """Whether the solved corners lie to each other as the chain's ends do: a real, short edge."""
         chain = self._topology.chains[k]
         traced = chain.points[-1] - chain.points[0]
         solved = self.solved[b].position - self.solved[a].position
@@ -106,12 +107,18 @@ class CornerClusters:
         self.solved[a] = merged
 
     def _loops_keep(self, k: int, least: int) -> bool:
-        """Whether every loop with chain k has more than `least` chains left."""
+        """Whether every loop with chain k has at least `least` chains left without it, and stays open."""
         chain = self._topology.chains[k]
-        for region in {chain.left, chain.right}:
-            for loop in self._topology.regions[region].loops:
-                left = [other for other, _ in loop if self.alive[other]]
-                if k in left and len(left) <= least:
+        for r in {chain.left, chain.right}:
+            region = self._topology.regions[r]
+            for loop in region.loops:
+                left = [other for other, _ in loop if self.alive[other] and other != k]
+                if k not in (other for other, _ in loop):
+                    continue
+                if len(left) < least:
+                    return False
+                width = region.area / max(self._lengths[other] for other in left)
+                if len(left) <= 2 and len(region.loops) == 1 and width < _SLIVER:
                     return False
         return True
 
@@ -120,14 +127,16 @@ class CornerClusters:
         chains = set().union(*(self._chains_at[c] for c in clusters))
         used: dict[int, Side] = {}
         tangent = []
+        resting = False
         for k in sorted(k for k in chains if self.alive[k]):
             chain = self._topology.chains[k]
             regions = (self._topology.regions[chain.left], self._topology.regions[chain.right])
             pair = [self._sides[r.primitive] for r in regions]
             used.update(zip((r.primitive for r in regions), pair))
+            resting |= self._meetings[k] == "resting"
             joins = {self.root(chain.start), self.root(chain.end)}
             if self._meetings[k] == "touching" and (len(clusters) == 1 or joins != set(clusters)):
                 tangent.append((pair[0], pair[1]))
         members = [c for c in range(len(self._parent)) if self.root(c) in clusters]
         start = self._topology.corners[members].mean(axis=0)
-        return solve_corner(start, list(used.values()), tangent)
+        return solve_corner(start, list(used.values()), tangent, resting)

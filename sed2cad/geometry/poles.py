@@ -14,10 +14,10 @@ _CAP = 0.1  # cosine: a face that keeps this far within a hemisphere is a patch 
 
 
 def sphere_pole(sphere: Sphere, loops: Sequence[Sequence[Arc]], cover: Array) -> tuple[Array, Array]:
-    """Pole axis z (3,) and preferred seam direction x (3,) for a face with boundary arcs and points cover (n, 3).
+    """Pole axis z (3,) and preferred seam direction x (3,) of a face with boundary arcs, points cover (n, 3).
 
-    A whole circle puts the pole at its centre. A patch lies about the equator, the seam behind it. Otherwise the
-    poles keep as far from the edges as they can.
+    A whole circle puts the pole at its centre. A patch lies about the equator, the seam behind it.
+    Otherwise the poles keep as far from the edges as they can.
     """
     circles = [c for loop in loops if (c := _whole_circle(loop)) is not None]
     if circles:

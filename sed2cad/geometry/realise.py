@@ -9,15 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.geometry.chains import between, length, off_surfaces, onto_both, resampled, smoothed
-from sed2cad.geometry.contact import Meeting, Side, meeting
+from sed2cad.geometry.contact import Meeting, Side
 from sed2cad.geometry.curves import Arc, Array, Curve, Interpolated, arc_through
 from sed2cad.geometry.intersections import exact_intersections
+from sed2cad.geometry.meeting import meeting
 from sed2cad.geometry.merging import CornerClusters
 from sed2cad.geometry.recognise import recognise
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.topology.model import Chain, Topology
 
 _FAR = 0.05  # unit frame: chain points that would move farther are not trusted
+_CONVERGED = 1e-4  # and so are those that did not get onto crossing surfaces
 _NEAR = 0.02  # a closed-form curve lies this near to the chain on average
 _ENDS = 2e-3  # and this near to the chain's corners
 _SMOOTH = 1e-5  # interpolated curves get more points until they are this near to both surfaces
@@ -107,8 +109,10 @@ def _numeric(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> tup
         inner = found[_in_order(found, trusted, points[0], points[-1])]
         found = np.vstack([points[:1], inner, points[-1:]])
         core = inner if len(inner) >= 4 else found
-    simple = recognise(core, closed)
-    if simple is not None:
+    simple = recognise(found, closed)
+    if simple is None and how != "crossing":  # the corners of touching surfaces are not quite on the curve
+        simple = recognise(core, closed)
+    if simple is not None and (closed or simple.distance(found[[0, -1]]).max() < _ENDS):
         return simple, found
     found = _refined(a, b, found, how, closed)
     return Interpolated(found, closed), found
@@ -116,7 +120,10 @@ def _numeric(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> tup
 
 def _project(a: Side, b: Side, points: Array, how: Meeting) -> tuple[Array, NDArray[np.bool_]]:
     projected = onto_both(a, b, points, how)
-    return projected.points, projected.moved < _FAR
+    trusted = projected.moved < _FAR
+    if how == "crossing":
+        trusted &= projected.residual < _CONVERGED
+    return projected.points, trusted
 
 
 def _in_order(found: Array, trusted: NDArray[np.bool_], start: Array, end: Array) -> list[int]:
@@ -143,8 +150,8 @@ def _refined(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> Arr
         curve = Interpolated(points, closed)
         middles = curve.at((curve.knots[1:] + curve.knots[:-1]) / 2)
         projected = onto_both(a, b, middles, how)
-        off = np.linalg.norm(projected.points - middles, axis=1)
-        add = np.flatnonzero((off > _SMOOTH) & (off < _FAR))
+        sound = (projected.moved < 0.25 * np.diff(curve.knots)) & (projected.residual < _CONVERGED)
+        add = np.flatnonzero((projected.moved > _SMOOTH) & sound)
         if len(add) == 0 or len(points) > 400:
             break
         points = np.insert(points, add + 1, projected.points[add], axis=0)

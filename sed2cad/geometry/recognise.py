@@ -36,7 +36,8 @@ def _circle(flat: Array, origin: Array, axes: Array) -> Circle | None:
     if square <= 0:
         return None
     normal = np.cross(axes[0], axes[1])
-    return Circle(origin + p * axes[0] + q * axes[1], normal, tangent_frame(normal)[0], float(np.sqrt(square)))
+    centre = origin + p * axes[0] + q * axes[1]
+    return Circle(centre, normal, tangent_frame(normal)[0], float(np.sqrt(square)))
 
 
 def _ellipse(flat: Array, origin: Array, axes: Array) -> Ellipse | None:
@@ -45,7 +46,8 @@ def _ellipse(flat: Array, origin: Array, axes: Array) -> Ellipse | None:
         return None
     size = float(np.abs(flat).max())
     u, v = (flat / size).T
-    conic, _, rank, _ = np.linalg.lstsq(np.column_stack([u * u, u * v, v * v, u, v]), np.ones(len(u)), rcond=None)
+    terms = np.column_stack([u * u, u * v, v * v, u, v])
+    conic, _, rank, _ = np.linalg.lstsq(terms, np.ones(len(u)), rcond=None)
     matrix = np.array([[conic[0], conic[1] / 2], [conic[1] / 2, conic[2]]])
     if rank < 5 or np.linalg.det(matrix) <= 0:
         return None

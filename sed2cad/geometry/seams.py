@@ -1,21 +1,21 @@
 """Where the surfaces of the faces have their axes, poles and seams.
 
-A CAD kernel cuts a surface that closes on itself along a seam. A face that does not go all the way round keeps the
-seam in its gap; one that does needs a vertex on the seam in every loop that winds around, so closed edges start
-there and others are cut there.
+A CAD kernel cuts a surface that closes on itself along a seam. A face that does not go all the way round
+keeps the seam in its gap; one that does needs a vertex on the seam in every loop that winds around, so
+closed edges start there and others are cut there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
 
 from sed2cad.errors import AssemblyError
-from sed2cad.geometry.curves import TURN, Array
-from sed2cad.geometry.layout import Draft, Layout, Placement
+from sed2cad.geometry.curves import TURN, Array, Curve
+from sed2cad.geometry.layout import Draft, Layout, Placement, Pole
 from sed2cad.geometry.poles import sphere_pole
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
@@ -105,9 +105,6 @@ def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
     loops = draft.loops[region]
     samples = [draft.loop_samples(loop) for loop in loops]
     turns = [_winding(turning.angles(s)) for s in samples]
-    primitive = draft.primitive(region)
-    if sum(turns) != 0 and not isinstance(primitive, (Sphere, Cone)):
-        raise AssemblyError(f"a {primitive.kind} face is open on one side: the face that closes it is missing")
     winding = [k for k, turn in enumerate(turns) if turn]
     others = [s for k, s in enumerate(samples) if k not in winding]
     if winding:
@@ -117,11 +114,36 @@ def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
     x = turning.direction(angle)
     for k in winding:
         _bring_to_seam(draft, region, k, turning.origin, turning.z, x)
+    primitive = draft.primitive(region)
     if isinstance(primitive, Torus):
         for k, s in enumerate(samples):
             if _winding(_tube_angles(primitive, s)):
                 _bring_to_tube_seam(draft, region, k, primitive)
-    return Placement(_origin(draft, region, turning), turning.z, x)
+    seamed = _Turning(_origin(draft, region, turning), turning.z, x)
+    return Placement(seamed.origin, seamed.z, seamed.x, _pole(draft, region, seamed, turns))
+
+
+def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) -> Pole | None:
+    """The pole inside a face, told by its rings not cancelling out.
+
+    AssemblyError where there is no pole to close the face.
+    """
+    if sum(turns) == 0:
+        return None
+    primitive = draft.primitive(region)
+    up = sum(turns) * draft.fitted[draft.topology.regions[region].primitive].sign > 0
+    if not (isinstance(primitive, Sphere) or (isinstance(primitive, Cone) and not up)):
+        raise AssemblyError(
+            f"a {primitive.kind} face is open on one side: the face that closes it is missing"
+        )
+    rings = [k for k, turn in enumerate(turns) if turn]
+    if len(rings) > 1:
+        return None
+    ends = sorted(
+        {v for e, _ in draft.loops[region][rings[0]] for v in (draft.edges[e].start, draft.edges[e].end)}
+    )
+    off = np.abs(turning.angles(np.array([draft.vertices[v] for v in ends])))
+    return Pole(rings[0], ends[int(off.argmin())], up)
 
 
 def _origin(draft: Draft, region: int, turning: _Turning) -> Array:
@@ -202,7 +224,7 @@ def _bring_to_tube_seam(draft: Draft, region: int, k: int, torus: Torus) -> None
     _bring_to_zero(draft, region, k, lambda points: _tube_angles(torus, points))
 
 
-def _bring_to_zero(draft: Draft, region: int, k: int, angles) -> None:
+def _bring_to_zero(draft: Draft, region: int, k: int, angles: Callable[[Array], Array]) -> None:
     """Give loop k of a region a vertex where `angles` of its points is 0."""
     loop = draft.loops[region][k]
     ends = [v for e, _ in loop for v in (draft.edges[e].start, draft.edges[e].end) if v >= 0]
@@ -212,12 +234,18 @@ def _bring_to_zero(draft: Draft, region: int, k: int, angles) -> None:
         arc = draft.edges[edge].arc
         at = np.linspace(arc.first, arc.last, 97)
         values = angles(arc.curve.at(at))
-        crossing = np.flatnonzero((values[:-1] * values[1:] <= 0) & (np.abs(values[:-1] - values[1:]) < np.pi))
+        crossing = np.flatnonzero(
+            (values[:-1] * values[1:] <= 0) & (np.abs(values[:-1] - values[1:]) < np.pi)
+        )
         if len(crossing):
-            low, high = at[crossing[0]], at[crossing[0] + 1]
-            found = float(brentq(lambda t: float(angles(arc.curve.at(np.array([t])))[0]), low, high, xtol=1e-14))
+            found = _root(arc.curve, angles, at[crossing[0]], at[crossing[0] + 1])
             if draft.edges[edge].start < 0:
                 draft.start_closed(edge, found)
             else:
                 draft.cut(edge, found)
             return
+
+
+def _root(curve: Curve, angles: Callable[[Array], Array], low: float, high: float) -> float:
+    """The parameter between low and high where `angles` of the curve's point is 0."""
+    return float(brentq(lambda t: float(angles(curve.at(np.array([t])))[0]), low, high, xtol=1e-14))

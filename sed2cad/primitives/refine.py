@@ -119,16 +119,15 @@ def is_degenerate(primitive: Primitive, points: Array, tolerance: float) -> bool
     So are a cone of constant radius (a cylinder), a torus without a hole (a sphere) and any round surface
     without sagitta (a plane).
     """
-    middle = points.mean(axis=0)
-    offset = points - middle
     if isinstance(primitive, Cone):
-        height = offset @ primitive.axis
-        if np.ptp(height) * np.tan(primitive.half_angle) < 2 * tolerance:
+        height = (points - primitive.apex) @ primitive.axis
+        if np.ptp(height) * np.tan(primitive.half_angle) < tolerance:
             return True
     if (
         isinstance(primitive, Torus)
         and primitive.major_radius < 4 * tolerance + 0.02 * primitive.minor_radius
     ):
         return True
-    normal = primitive.normal(middle[None])[0]
-    return bool(np.std(offset @ normal) < tolerance and np.std(primitive.distance(points)) < tolerance)
+    feet = primitive.project(points)
+    middle = feet.mean(axis=0)
+    return bool(np.ptp((feet - middle) @ primitive.normal(middle[None])[0]) < tolerance)

@@ -24,8 +24,11 @@ _FAN = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # degrees: half angles to try
 
 def starts(kind: str, points: Array, normals: Array) -> list[Primitive]:
     """First guesses for one kind of analytic primitive, in no order; perhaps none."""
-    with np.errstate(all="ignore"):
-        found = _STARTS[kind](points, normals)
+    try:
+        with np.errstate(all="ignore"):
+            found = _STARTS[kind](points, normals)
+    except np.linalg.LinAlgError:  # coinciding points
+        return []
     return [primitive for primitive in found if is_proper(primitive)]
 
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from sed2cad.errors import UsageError
 from sed2cad.files import write_text
-from sed2cad.model import CadModel, primitive_names
+from sed2cad.model import CadModel
 from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.names import primitive_names
 from sed2cad.primitives.registry import primitive_class
 from sed2cad.report.report import Deviation, FaceSummary, Report
 from sed2cad.scan.scan import Frame

@@ -1,9 +1,9 @@
 """On which side of the surface is the outside? Votes from a grid of cells around the points.
 
 Cells with points, and the cells around them, are walls. The others are outside when a flood from the border
-reaches them, and they are seen from as many of the six axis directions as have no wall on the way. Walking from a
-point along its normal and against it, the side that comes first to a cell that is more outside wins. The flood
-reaches into bores; the sight helps where the scan has holes and the flood has leaked in.
+reaches them, and they are seen from as many of the six axis directions as have no wall on the way. Walking
+from a point along its normal and against it, the side that comes first to a cell that is more outside wins.
+The flood reaches into bores; the sight helps where the scan has holes and the flood has leaked in.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ from sed2cad.scan.scan import Array
 CELL = 0.9
 """Side of a cell in units of the 90th percentile of the distance to the sixth neighbour."""
 MOST_CELLS = 12_000_000
-STEPS = np.arange(2, 13) / 2
+STEPS = np.arange(2, 8) / 2
 """Where cells are looked up on the way along the normal, in cells."""
 
-LATER = 1.5
-"""An open cell that much (in cells) farther away than a closed one on the other side lies behind another wall."""
+LATER = 1.0
+"""An open cell that much (in cells) farther away than a closed one on the other side lies behind another
+wall."""
 
 
 def outward_votes(points: Array, normals: Array, sixth: Array) -> Array:
@@ -63,7 +64,8 @@ def _openness(cells: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.fl
 
 
 def _first_free(openness: NDArray[np.float32], start: Array, step: Array) -> tuple[Array, Array]:
-    """How far (n,) in cells it is from start (n, 3) along step (n, 3) to a cell without wall, and its openness (n,).
+    """How far (n,) in cells it is from start (n, 3) along step (n, 3) to a cell without wall, and its
+    openness (n,).
 
     Openness fades with the length of the way, so that on a thin plate the near side wins.
     """

@@ -127,7 +127,9 @@ def _property(words: list[str]) -> Property:
 
 
 class _Body:
-    """The tables of a body, element after element; an ascii body is turned into one in which all numbers are f8."""
+    """The tables of a body, element after element; an ascii body is turned into one in which all numbers are
+    f8.
+    """
 
     def __init__(self, data: bytes, encoding: str, name: str) -> None:
         self.ascii, self.order, self.at, self.name = encoding == "ascii", ENCODINGS[encoding], 0, name

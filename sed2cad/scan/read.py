@@ -30,16 +30,22 @@ READERS: dict[str, Callable[[Path], RawScan]] = {
 def read_scan(path: str | Path) -> RawScan:
     """The points, normals and mesh in a file, in its own coordinates; ScanError where it cannot be read."""
     path = Path(path)
-    if not path.exists():
-        raise ScanError(f"{path}: there is no such file; check the name")
-    if path.is_dir():
-        raise ScanError(f"{path}: this is a folder; give one scan file")
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        raise ScanError(f"{path.name}: unknown file type {path.suffix!r}; sed2cad reads {' '.join(READERS)}")
+    reader = reader_of(path)
     try:
-        if path.stat().st_size == 0:
-            raise ScanError(f"{path.name}: the file is empty; export or copy the scan again")
         return reader(path)
     except OSError as error:
         raise ScanError(f"{path.name}: cannot be read ({error.strerror or error}); check the file") from error
+
+
+def reader_of(path: Path) -> Callable[[Path], RawScan]:
+    """The reader for a file; ScanError where there is none, or no such file, or nothing in it."""
+    if path.is_dir():
+        raise ScanError(f"{path}: this is a folder; give one scan file")
+    if not path.exists():
+        raise ScanError(f"{path}: there is no such file; check the name")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ScanError(f"{path.name}: unknown file type {path.suffix!r}; sed2cad reads {' '.join(READERS)}")
+    if path.stat().st_size == 0:
+        raise ScanError(f"{path.name}: the file is empty; export or copy the scan again")
+    return reader

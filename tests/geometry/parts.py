@@ -1,6 +1,7 @@
 """Topologies made by hand, as `trace` would give them, with the volume and area of the part in closed form.
 
-Lengths are free: `in_unit` brings a part into the unit frame. Chain points can be given noise, as from a mesh.
+Lengths are free: `in_unit` brings a part into the unit frame. Chain points can be given noise, as from a
+mesh.
 """
 
 from __future__ import annotations
@@ -34,7 +35,12 @@ class Part:
     volume: float
     area: float
     kinds: tuple[str, ...]  # of the faces, in order of the regions
-    frame: Frame = Frame(np.zeros(3), 1.0)
+    frame: Frame
+
+    @property
+    def points(self) -> Array:
+        """Points (n, 3) of the surface, unit frame."""
+        return np.vstack([region.points for region in self.topology.regions])
 
     def noisy(self, share: float, seed: int = 0) -> Part:
         """Chain points and corners moved at random by `share` of the diagonal at most."""
@@ -86,9 +92,15 @@ class Builder:
     def loop(self, face: int, *steps: tuple[int, int]) -> None:
         self.loops[face].append(list(steps))
 
-    def part(self, volume: float, area: float, bodies: Sequence[int] | None = None) -> Part:
+    def part(
+        self,
+        volume: float,
+        area: float,
+        bodies: Sequence[int] | None = None,
+        box: tuple[Sequence[float], Sequence[float]] | None = None,
+    ) -> Part:
         """Everything in the unit frame; the part's measures stay in the unit it was built in."""
-        every = np.vstack([c[0] for c in self.chains]) if self.chains else np.array([[-1.0] * 3, [1.0] * 3])
+        every = np.array(box) if box else np.vstack([c[0] for c in self.chains])
         low, high = every.min(axis=0), every.max(axis=0)
         frame = Frame((low + high) / 2, float(np.linalg.norm(high - low)))
         chains = tuple(Chain(frame.to_unit(p), *rest) for p, *rest in self.chains)
@@ -99,12 +111,19 @@ class Builder:
             nothing = Patch(np.zeros(0, np.int64), unit.kind, np.zeros(0, bool))
             fitted.append(FittedPatch(nothing, unit, sign, 0.0, np.zeros((unit.freedom, unit.freedom))))
             loops = tuple(tuple(loop) for loop in self.loops[r])
-            points = [chains[k].points for loop in loops for k, _ in loop] or [unit.project(np.eye(3))]
+            points = [chains[k].points for loop in loops for k, _ in loop] or [unit.project(_everywhere())]
             body = bodies[r] if bodies else 0
-            regions.append(Region(r, loops, np.vstack(points), area / frame.scale**2 / len(self.primitives), body))
+            regions.append(
+                Region(r, loops, np.vstack(points), area / frame.scale**2 / len(self.primitives), body)
+            )
         topology = Topology(tuple(regions), chains, corners, volume / frame.scale**3)
         kinds = tuple(p.kind for p, _ in self.primitives)
         return Part(topology, tuple(fitted), volume, area, kinds, frame)
+
+
+def _everywhere() -> Array:
+    """Points (n, 3) in all directions, for closed surfaces."""
+    return np.random.default_rng(0).uniform(-1, 1, size=(400, 3)) * [0.6, 0.6, 0.1]
 
 
 def circle(centre: Sequence[float], axis: Array, radius: float) -> Callable[[Array], Array]:
@@ -114,8 +133,15 @@ def circle(centre: Sequence[float], axis: Array, radius: float) -> Callable[[Arr
     return lambda t: np.array(centre, float) + radius * (np.outer(np.cos(t), x) + np.outer(np.sin(t), y))
 
 
-def prism(b: Builder, outline: Sequence[tuple[float, float]], height: float, walls: Sequence[int], top: int, bottom: int) -> list[int]:
-    """Edges of a straight-sided prism on given faces; the loops of walls, top and bottom. The upright chains."""
+def prism(
+    b: Builder,
+    outline: Sequence[tuple[float, float]],
+    height: float,
+    walls: Sequence[int],
+    top: int,
+    bottom: int,
+) -> list[int]:
+    """Edges and loops of a straight-sided prism on given faces; the upright chains."""
     n = len(outline)
     low = [b.corner(x, y, 0) for x, y in outline]
     high = [b.corner(x, y, height) for x, y in outline]
@@ -274,7 +300,10 @@ def pipe_bend() -> Part:
     """An elbow that goes on in straight, tangent cylinders."""
     b = Builder()
     tube = b.face(Torus(Z, np.zeros(3), 20.0, 5.0))
-    down, away = b.face(Cylinder(Y, np.array([20.0, 0.0, 0.0]), 5.0)), b.face(Cylinder(X, np.array([0.0, 20.0, 0.0]), 5.0))
+    down, away = (
+        b.face(Cylinder(Y, np.array([20.0, 0.0, 0.0]), 5.0)),
+        b.face(Cylinder(X, np.array([0.0, 20.0, 0.0]), 5.0)),
+    )
     first, last = b.face(Plane(-Y, 15.0)), b.face(Plane(-X, 10.0))
     b.ring(circle((20, 0, 0), -Y, 5.0), down, tube)
     b.ring(circle((0, 20, 0), -X, 5.0), away, tube)
@@ -287,14 +316,43 @@ def ball() -> Part:
     """A whole sphere: a region without loops."""
     b = Builder()
     b.face(Sphere(np.array([1.0, 2.0, 3.0]), 4.0))
-    return b.part(4 / 3 * PI * 64, 4 * PI * 16)
+    return b.part(4 / 3 * PI * 64, 4 * PI * 16, box=((-3, -2, -1), (5, 6, 7)))
 
 
 def ring() -> Part:
     """A whole torus."""
     b = Builder()
     b.face(Torus(Z, np.zeros(3), 10.0, 3.0))
-    return b.part(2 * PI**2 * 10 * 9, 4 * PI**2 * 30)
+    return b.part(2 * PI**2 * 10 * 9, 4 * PI**2 * 30, box=((-13, -13, -3), (13, 13, 3)))
+
+
+def _halved_disc(b: Builder, cap: int, radius: float) -> None:
+    """Close a face whose rim is a circle about Z from below by two half discs: its ring has two edges."""
+    left, right = b.face(Plane(-Z, 0.0)), b.face(Plane(-Z, 0.0))
+    p, q = b.corner(0, -radius, 0), b.corner(0, radius, 0)
+    t = np.linspace(-PI / 2, PI / 2, 30)
+    half = radius * np.column_stack([np.cos(t), np.sin(t), np.zeros(30)])
+    there, back = b.chain(half, cap, right, p, q), b.chain(-half, cap, left, q, p)
+    across = b.line(p, q, right, left)
+    b.loop(cap, (there, 1), (back, 1))
+    b.loop(right, (there, -1), (across, 1))
+    b.loop(left, (back, -1), (across, -1))
+
+
+def halved_cone() -> Part:
+    """A whole cone whose ring has two edges."""
+    b = Builder()
+    side = b.face(Cone(-Z, np.array([0.0, 0.0, 20.0]), float(np.arctan(0.5))))
+    _halved_disc(b, side, 10.0)
+    return b.part(PI * 100 * 20 / 3, PI * (100 + 10 * np.hypot(10, 20)))
+
+
+def halved_dome() -> Part:
+    """A hemisphere whose ring has two edges."""
+    b = Builder()
+    dome = b.face(Sphere(np.zeros(3), 10.0))
+    _halved_disc(b, dome, 10.0)
+    return b.part(2 / 3 * PI * 1000, PI * 300)
 
 
 def hollow_box() -> Part:
@@ -311,7 +369,12 @@ def two_boxes() -> Part:
     """Two bodies apart."""
     b = Builder()
     for x in (0.0, 40.0):
-        walls = [b.face(Plane(-Y, 0.0)), b.face(Plane(X, x + 10)), b.face(Plane(Y, 10.0)), b.face(Plane(-X, -x))]
+        walls = [
+            b.face(Plane(-Y, 0.0)),
+            b.face(Plane(X, x + 10)),
+            b.face(Plane(Y, 10.0)),
+            b.face(Plane(-X, -x)),
+        ]
         top, bottom = b.face(Plane(Z, 10.0)), b.face(Plane(-Z, 0.0))
         prism(b, [(x, 0), (x + 10, 0), (x + 10, 10), (x, 10)], 10.0, walls, top, bottom)
     return b.part(2000.0, 1200.0, bodies=[0] * 6 + [1] * 6)
@@ -347,7 +410,22 @@ def crossing_pipes() -> Part:
 EXACT: dict[str, Callable[[], Part]] = {
     f.__name__: f
     for f in (
-        box, box_with_hole, stepped_shaft, filleted_box, cone_frustum, whole_cone, pill, grooved_shaft, beaded_shaft,
-        elbow, pipe_bend, ball, ring, hollow_box, two_boxes,
+        box,
+        box_with_hole,
+        stepped_shaft,
+        filleted_box,
+        cone_frustum,
+        whole_cone,
+        pill,
+        grooved_shaft,
+        beaded_shaft,
+        elbow,
+        pipe_bend,
+        ball,
+        ring,
+        halved_cone,
+        halved_dome,
+        hollow_box,
+        two_boxes,
     )
 }

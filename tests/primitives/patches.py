@@ -39,7 +39,8 @@ def rotated(primitive: Primitive, turn: Array, shift: Array) -> Primitive:
     if isinstance(primitive, Cylinder):
         return Cylinder(turn @ primitive.axis, turn @ primitive.point + shift, primitive.radius)
     if isinstance(primitive, Cone):
-        return Cone(turn @ primitive.axis, turn @ primitive.apex + shift, primitive.half_angle)
+        apex = turn @ primitive.apex + shift
+        return Cone(turn @ primitive.axis, apex, primitive.half_angle, primitive.reach)
     if isinstance(primitive, Sphere):
         return Sphere(turn @ primitive.centre + shift, primitive.radius)
     assert isinstance(primitive, Torus)
@@ -61,7 +62,12 @@ def cylinder_patch(
 
 
 def cone_patch(
-    rng: np.random.Generator, n: int, half_angle: float = 30.0, low: float = 0.1, high: float = 0.3, arc: float = 360.0
+    rng: np.random.Generator,
+    n: int,
+    half_angle: float = 30.0,
+    low: float = 0.1,
+    high: float = 0.3,
+    arc: float = 360.0,
 ) -> Sample:
     """Between two distances from the apex along the surface."""
     alpha, angle = np.radians(half_angle), _angles(rng, n, arc)

@@ -1,0 +1,223 @@
+"""Work on the CAD kernel in a child process, because it can crash or hang.
+
+A worker is a plain Python process that has imported the kernel and waits for jobs, so the import is paid
+once and can be started early by `warm_up`. It is no multiprocessing child: those run the user's script
+again where it lacks the `if __name__ == "__main__"` guard, and daemonic processes (dask's) may not have
+any. Jobs and results travel as pickles over the worker's own pipes, never from disk.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import faulthandler
+import os
+import pickle
+import queue
+import signal
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, BinaryIO, Literal, TypeVar
+
+P = TypeVar("P")
+R = TypeVar("R")
+
+_START = 120.0  # seconds a worker may take to import the kernel on a busy machine
+_GRACE = 10.0  # seconds after which a worker that was not stopped stops itself (its parent has died)
+_PRELOAD = "sed2cad.brep.attempt"
+_LENGTH = struct.Struct("<Q")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A job that gave no result."""
+
+    kind: Literal["crash", "timeout", "error"]
+    sentence: str  # one clause, for a machinist
+
+
+def run_isolated(job: Callable[[P], R], payload: P, timeout: float) -> R | Failure:
+    """job(payload) in a worker, for at most `timeout` seconds of its time.
+
+    `job` is a function at the top level of a module. A crash, a hang or an exception comes back as a Failure.
+    """
+    worker = _take()
+    try:
+        answer = worker.ask((job, payload, timeout), timeout)
+    except BaseException:  # Ctrl-C: do not leave the job running
+        worker.stop()
+        raise
+    if isinstance(answer, Failure) and answer.kind != "error":
+        worker.stop()
+    else:
+        _give_back(worker)
+    result: R | Failure = answer
+    return result
+
+
+def warm_up() -> None:
+    """Start a worker now, so that it has imported the kernel by the time it is needed. Returns at once."""
+    if not _idle:
+        _give_back(_Worker())
+
+
+class _Worker:
+    """One child process."""
+
+    def __init__(self) -> None:
+        code = f"import sys; sys.path[:] = {sys.path!r}; from sed2cad.brep.worker import serve; serve()"
+        threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
+        self._owner = os.getpid()
+        self._ready = False
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **threads},
+            start_new_session=True,
+        )
+
+    @property
+    def usable(self) -> bool:
+        """Whether the process is alive and was not inherited by a fork."""
+        return self._owner == os.getpid() and self._process.poll() is None
+
+    def ask(self, request: Any, timeout: float) -> Any:
+        """The answer to a request; a Failure where none comes."""
+        if not self._ready:
+            started = self._wait(lambda: _receive(self._reader), _START)
+            if isinstance(started, Failure):
+                return started
+            self._ready = True
+        return self._wait(lambda: self._exchange(request), timeout)
+
+    def stop(self) -> None:
+        """Kill the process and forget it."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._writer, self._reader):
+            with contextlib.suppress(OSError):
+                pipe.close()
+
+    @property
+    def _reader(self) -> BinaryIO:
+        assert self._process.stdout is not None
+        return self._process.stdout  # type: ignore[return-value]
+
+    @property
+    def _writer(self) -> BinaryIO:
+        assert self._process.stdin is not None
+        return self._process.stdin  # type: ignore[return-value]
+
+    def _exchange(self, request: Any) -> Any:
+        _send(self._writer, request)
+        return _receive(self._reader)
+
+    def _wait(self, action: Callable[[], Any], timeout: float) -> Any:
+        """action() in a thread, for at most `timeout` seconds."""
+        answers: queue.Queue[Any] = queue.Queue()
+
+        def act() -> None:
+            try:
+                answers.put(action())
+            except (OSError, EOFError, ValueError):
+                answers.put(None)
+
+        threading.Thread(target=act, daemon=True).start()
+        try:
+            answer = answers.get(timeout=timeout)
+        except queue.Empty:
+            return Failure("timeout", f"the CAD kernel did not finish within {timeout:g} s")
+        return self._crash() if answer is None else answer
+
+    def _crash(self) -> Failure:
+        """What ended the process."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_GRACE)
+        code = self._process.returncode
+        how = f"exit code {code}"
+        if code is not None and code < 0:
+            how = signal.Signals(-code).name
+        return Failure("crash", f"the CAD kernel crashed ({how})")
+
+
+_idle: list[_Worker] = []
+_lock = threading.Lock()
+
+
+def _take() -> _Worker:
+    """An idle worker, or a new one."""
+    with _lock:
+        while _idle:
+            worker = _idle.pop()
+            if worker.usable:
+                return worker
+    return _Worker()
+
+
+def _give_back(worker: _Worker) -> None:
+    with _lock:
+        _idle.append(worker)
+
+
+@atexit.register
+def _stop_all() -> None:
+    while _idle:
+        worker = _idle.pop()
+        if worker.usable:
+            worker.stop()
+
+
+def _send(pipe: BinaryIO, message: Any) -> None:
+    """Length and pickle."""
+    data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+    pipe.write(_LENGTH.pack(len(data)))
+    pipe.write(data)
+    pipe.flush()
+
+
+def _receive(pipe: BinaryIO) -> Any:
+    """The next message. EOFError where the other side has gone."""
+    head = pipe.read(_LENGTH.size)
+    if len(head) < _LENGTH.size:
+        raise EOFError
+    (length,) = _LENGTH.unpack(head)
+    data = pipe.read(length)
+    if len(data) < length:
+        raise EOFError
+    return pickle.loads(data)
+
+
+def serve() -> None:
+    """The worker's side: import the kernel, then do jobs until the parent goes away."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    silence = open(os.devnull, "w")  # the kernel prints
+    os.dup2(silence.fileno(), sys.stdout.fileno())
+    __import__(_PRELOAD)
+    _send(answers, "ready")
+    while True:
+        try:
+            job, payload, timeout = _receive(sys.stdin.buffer)
+        except EOFError:
+            return
+        faulthandler.dump_traceback_later(timeout + _GRACE, exit=True, file=silence)
+        answer = _done(job, payload)
+        faulthandler.cancel_dump_traceback_later()
+        _send(answers, answer)
+
+
+def _done(job: Callable[[Any], Any], payload: Any) -> Any:
+    """The job's result, or the Failure that its exception is."""
+    from sed2cad.errors import Sed2cadError
+
+    try:
+        return job(payload)
+    except Sed2cadError as error:
+        return Failure("error", str(error))
+    except Exception as error:
+        return Failure("error", f"{type(error).__name__}: {error}".strip().splitlines()[0])

@@ -1,0 +1,330 @@
+"""The command line. Everything slow to import is imported inside the commands: --help answers at once."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+from typer.core import TyperGroup
+
+from sed2cad import __version__
+from sed2cad.errors import AssemblyError, Sed2cadError, UsageError
+
+if TYPE_CHECKING:
+    from sed2cad.model import CadModel
+
+MAIN_JOB = "reconstruct"
+OWN_OPTIONS = ("--help", "--version")
+Command = TypeVar("Command", bound=Callable[..., None])
+
+
+class ScanFirst(TyperGroup):
+    """`sed2cad scan.ply` is `sed2cad reconstruct scan.ply`: a first word that is no command starts the main job."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in OWN_OPTIONS:
+            args = [MAIN_JOB, *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(cls=ScanFirst, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+evaluate = typer.Typer(no_args_is_help=True, help="Score the parts of the pipeline on true parts.")
+app.add_typer(evaluate, name="evaluate")
+
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="List all faces; show where an error came from.")]
+
+
+def main() -> None:
+    """Entry point of the `sed2cad` script."""
+    app()
+
+
+def reported(command: Command) -> Command:
+    """What goes wrong becomes one sentence on stderr and the exit code of the error."""
+
+    @functools.wraps(command)
+    def run(*args: Any, **options: Any) -> None:
+        try:
+            command(*args, **options)
+        except (typer.Exit, typer.Abort):
+            raise
+        except KeyboardInterrupt:
+            fail("stopped by the user; files that were there before are as they were", 130)
+        except Sed2cadError as error:
+            show_traceback(options)
+            fail(str(error), error.exit_code)
+        except Exception as error:
+            show_traceback(options)
+            sentence = f"{type(error).__name__}: {error}".splitlines()[0].rstrip(".")
+            fail(f"this is a bug in sed2cad, please report it with the scan and the output of -v ({sentence})", 1)
+
+    return run  # type: ignore[return-value]
+
+
+def fail(sentence: str, code: int) -> None:
+    """Say it on stderr and end."""
+    print(f"sed2cad: {sentence}", file=sys.stderr)
+    raise typer.Exit(code)
+
+
+def show_traceback(options: dict[str, Any]) -> None:
+    """With -v only."""
+    if options.get("verbose"):
+        import traceback
+
+        traceback.print_exc()
+
+
+class Progress:
+    """One line on stderr for each stage that has ended: what it found and how long it took."""
+
+    def __init__(self, quiet: bool) -> None:
+        self.quiet, self.start = quiet, time.perf_counter()
+        self.last = self.start
+
+    def __call__(self, stage: str, message: str) -> None:
+        now = time.perf_counter()
+        seconds, self.last = now - self.last, now
+        if self.quiet:
+            return
+        if not sys.stderr.isatty():
+            print(f"{stage:<10} {message}  {seconds:.1f} s", file=sys.stderr, flush=True)
+            return
+        from rich.console import Console
+        from rich.text import Text
+
+        line = Text.assemble((f"{stage:<10} ", "bold cyan"), message, (f"  {seconds:.1f} s", "dim"))
+        Console(stderr=True).print(line)
+
+    @property
+    def total(self) -> float:
+        """Seconds since the start."""
+        return time.perf_counter() - self.start
+
+
+def show_version(wanted: bool) -> None:
+    """--version"""
+    if wanted:
+        print(f"sed2cad {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Scan to STEP: `sed2cad scan.ply --step part.step` makes a closed, editable solid of a scanned part.
+
+    `sed2cad reconstruct --help` lists the options of this main job; its name may be left out.
+    """
+
+
+@app.command(MAIN_JOB)
+@reported
+def reconstruct_command(
+    scan: Annotated[Path, typer.Argument(help="Points or mesh: .ply .stl .obj .xyz .txt .csv .npy .npz")],
+    step: Annotated[Path | None, typer.Option(help="STEP file to write. (default: the scan's name .step)")] = None,
+    report: Annotated[Path | None, typer.Option(help="Model and report to write, as JSON; `vary` reads it.")] = None,
+    script: Annotated[Path | None, typer.Option(help="Python script to write, which makes the part.")] = None,
+    unit: Annotated[str, typer.Option(metavar="mm|cm|m|in", help="Unit of the scan's coordinates.")] = "mm",
+    tolerance: Annotated[
+        float | None, typer.Option(help="Largest distance of the scan from the solid. (default: from its noise)")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="The same scan and seed give the same solid.")] = 0,
+    device: Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="Where the network runs.")] = "auto",
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Make a closed solid of a scan (the main job)."""
+    from sed2cad.scan.read import reader_of
+    from sed2cad.settings import Settings
+
+    settings = Settings(seed=seed, tolerance=tolerance, device=device, unit=unit)
+    reader_of(scan)
+    step = step or scan.with_suffix(".step")
+    document = report or (step.with_suffix(".json") if script else None)
+    require_writable({"--step": step, "--report": document, "--script": script}, scan)
+    from sed2cad.pipeline import reconstruct
+
+    progress = Progress(quiet)
+    model = reconstruct(scan, settings, progress)
+    model.export_step(step)
+    if document:
+        model.save(document)
+    if script and document:
+        model.write_script(script, document)
+    progress("write", ", ".join(str(path) for path in (step, document, script) if path))
+    if not quiet:
+        print_summary(model, step, progress.total, verbose)
+    if not model.report.closed:
+        raise AssemblyError(f"{scan.name}: no closed solid could be built; {step} holds an open shell")
+
+
+@app.command("vary")
+@reported
+def vary_command(
+    model: Annotated[Path, typer.Argument(help="The JSON file that --report wrote.")],
+    set_: Annotated[list[str], typer.Option("--set", help="As in cylinder_3.radius=6; may be given several times.")],
+    step: Annotated[Path, typer.Option(help="STEP file to write.")],
+    report: Annotated[Path | None, typer.Option(help="The variant's model to write, as JSON.")] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Change dimensions of a reconstructed part and solve its edges again."""
+    changes = parse_changes(set_)
+    require_writable({"--step": step, "--report": report}, model)
+    from sed2cad.model import CadModel
+
+    progress = Progress(quiet)
+    variant = CadModel.load(model).vary(**changes)
+    variant.export_step(step)
+    if report:
+        variant.save(report)
+    if not quiet:
+        print_summary(variant, step, progress.total, verbose)
+
+
+@app.command("dataset")
+@reported
+def dataset_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of .step, .stp and .brep files.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the labelled clouds.")],
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    points: Annotated[int, typer.Option(min=100, help="Points in a cloud.")] = 10_000,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Make labelled clouds of CAD files, to train on."""
+    require_folder(folder)
+    from sed2cad.training.dataset import build_dataset
+
+    def tell(done: int, total: int, name: str) -> None:
+        if not quiet and (done % 50 == 0 or done == total):
+            print(f"dataset    {done} of {total}: {name}", file=sys.stderr, flush=True)
+
+    made = build_dataset(folder, out, workers, tell, points)
+    for path, reason in made.skipped.items() if verbose else ():
+        print(f"skipped {path}: {reason}", file=sys.stderr)
+    if not quiet:
+        print(f"{out}: {len(made.packed)} clouds, {len(made.skipped)} files skipped")
+    if not made.packed:
+        raise UsageError(f"{folder}: no .step, .stp or .brep file in it could be used; choose another folder")
+
+
+@app.command("train")
+@reported
+def train_command(
+    data: Annotated[Path, typer.Argument(help="Folder that `sed2cad dataset` made.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the run; a run that is there goes on.")],
+    minutes: Annotated[float, typer.Option(help="The learning rate falls to nothing over this time.")] = 125.0,
+    wall: Annotated[bool, typer.Option(help="Minutes of the clock, not of the processor.")] = False,
+    threads: Annotated[int, typer.Option(min=1)] = 1,
+    seed: Annotated[int, typer.Option()] = 0,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Train the network."""
+    require_clouds(data)
+    from sed2cad.training.train import TrainSettings, train
+
+    def tell(row: dict[str, float]) -> None:
+        if not quiet:
+            print("train      " + ", ".join(f"{k} {v:g}" for k, v in row.items()), file=sys.stderr, flush=True)
+
+    best = train(TrainSettings(minutes=minutes, wall=wall, threads=threads, seed=seed), data, out, tell)
+    if not quiet:
+        print(f"{best}: best weights")
+
+
+@evaluate.command("segmentation")
+@reported
+def segmentation_command(
+    data: Annotated[Path, typer.Argument(help="Folder that `sed2cad dataset` made.")],
+    weights: Annotated[Path | None, typer.Option(help="Weights to score. (default: the shipped ones)")] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Only the first of the parts.")] = None,
+    noise: Annotated[float, typer.Option(min=0, help="Noise to add, in radii of the part: the paper's is 0.04.")] = 0.0,
+    verbose: Verbose = False,
+) -> None:
+    """Score the network's labels and patches: the paper's metrics and the strict ones."""
+    require_clouds(data)
+    from sed2cad.network.weights import load_weights
+    from sed2cad.training.evaluate import as_dict, evaluate_segmentation
+
+    for name, value in as_dict(evaluate_segmentation(data, load_weights(weights), limit, noise)).items():
+        print(f"{name:<16} {value:g}")
+
+
+def parse_changes(settings: list[str]) -> dict[str, dict[str, Any]]:
+    """["cylinder_3.radius=6"] to {"cylinder_3": {"radius": 6.0}}; three numbers with commas make a vector."""
+    changes: dict[str, dict[str, Any]] = {}
+    for setting in settings:
+        target, equals, text = setting.partition("=")
+        primitive, dot, parameter = target.strip().partition(".")
+        try:
+            numbers = tuple(float(word) for word in text.split(","))
+        except ValueError:
+            numbers = ()
+        if not (equals and dot and primitive and parameter and numbers):
+            raise UsageError(f"cannot understand --set {setting}: write it like cylinder_3.radius=6")
+        changes.setdefault(primitive, {})[parameter] = numbers if len(numbers) > 1 else numbers[0]
+    return changes
+
+
+def require_writable(outputs: dict[str, Path | None], source: Path) -> None:
+    """UsageError before the work when an output could not be written after it."""
+    seen = {source.resolve(): "the input"}
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        if option == "--step" and path.suffix.lower() not in (".step", ".stp"):
+            raise UsageError(f"{path}: --step writes STEP files; give it a name that ends in .step")
+        if path.is_dir():
+            raise UsageError(f"{path}: this is a folder; give {option} a file name")
+        if path.resolve() in seen:
+            raise UsageError(f"{path}: {option} would overwrite {seen[path.resolve()]}; choose another name")
+        seen[path.resolve()] = f"the output of {option}"
+        try:
+            with tempfile.TemporaryFile(dir=path.parent):
+                pass
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
+
+
+def require_folder(folder: Path) -> None:
+    """UsageError where there is no such folder."""
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: there is no such folder; check the name")
+
+
+def require_clouds(folder: Path) -> None:
+    """UsageError where a folder holds no labelled clouds."""
+    require_folder(folder)
+    if not any(folder.glob("*.npz")):
+        raise UsageError(f"{folder}: there are no labelled clouds in it; make them with `sed2cad dataset`")
+
+
+def print_summary(model: CadModel, step: Path, seconds: float, verbose: bool) -> None:
+    """What was made, on stdout; warnings go to stderr."""
+    report, unit = model.report, model.unit
+    state = "closed solid" if report.closed else "open shell"
+    print(f"{step}: {state}, {report.faces} faces, {report.exact_faces} of them exact ({report.rung})")
+    off = report.deviation
+    if off.rms == off.rms:
+        print(f"deviation from the scan: rms {off.rms:.3g}, p95 {off.p95:.3g}, max {off.max:.3g} {unit}")
+    print(f"volume {report.volume:.6g} {unit}^3, {seconds:.1f} s")
+    if report.reason:
+        print(f"warning: {report.reason}", file=sys.stderr)
+    for warning in report.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    for face in report.face_list:
+        if verbose or face.rung != "exact":
+            print(f"  {face.name:<16} {face.rung:<8} rms {face.deviation:.3g} {unit}")

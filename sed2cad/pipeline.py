@@ -1,0 +1,91 @@
+"""The whole reconstruction, read top to bottom."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sed2cad.assembly import assemble
+from sed2cad.brep.worker import warm_up
+from sed2cad.fitting import fit_patches
+from sed2cad.model import CadModel
+from sed2cad.network.predict import PointLabels, predict
+from sed2cad.network.weights import load_weights
+from sed2cad.primitives.base import FittedPatch
+from sed2cad.report.summary import summarise
+from sed2cad.scan.prepare import prepare
+from sed2cad.scan.raw import RawScan
+from sed2cad.scan.read import read_scan
+from sed2cad.scan.scan import Scan
+from sed2cad.segmentation.segment import segment
+from sed2cad.settings import Settings
+
+Progress = Callable[[str, str], None]
+"""Called as progress(stage, message) when a stage has ended."""
+
+
+def reconstruct(
+    scan: str | Path | RawScan, settings: Settings | None = None, progress: Progress | None = None
+) -> CadModel:
+    """A scan, a file or points in memory, becomes a solid of exact faces.
+
+    ScanError for a scan that cannot be used, WeightsError for the network, AssemblyError when not even a faceted
+    solid could be built. The same scan and seed give the same solid.
+    """
+    settings = settings or Settings()
+    clock = Clock(progress or (lambda stage, message: None))
+    warm_up()  # the CAD kernel loads in a process of its own meanwhile
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        raw = read_scan(Path(scan)) if isinstance(scan, (str, Path)) else scan
+        prepared = prepare(raw, settings.seed)
+        clock.done("scan", f"{len(prepared.points):,} points, noise {prepared.noise * prepared.frame.scale:.2g}")
+        labels = label(prepared, settings)
+        clock.done("network", "types, edges and descriptors of every point")
+        patches = segment(prepared, labels, settings.seed)
+        clock.done("segment", f"{len(patches)} patches")
+        fitted = fit_patches(prepared, patches)
+        clock.done("fit", count_kinds(fitted))
+        assembly = assemble(prepared, fitted, settings, clock.done)
+    notes = tuple(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, UserWarning)))
+    return CadModel(
+        name=raw.name,
+        unit=settings.unit,
+        frame=prepared.frame,
+        fitted=assembly.fitted,
+        topology=assembly.topology,
+        brep=assembly.solid.brep,
+        face_names=assembly.face_names,
+        report=summarise(assembly, prepared.frame, tuple(clock.seconds), notes),
+    )
+
+
+def label(scan: Scan, settings: Settings) -> PointLabels:
+    """What the shipped network says about the points."""
+    return predict(scan.points, scan.normals, load_weights(), settings.seed, settings.device)
+
+
+def count_kinds(fitted: Iterable[FittedPatch]) -> str:
+    """"12 planes, 3 cylinders"."""
+    counts = Counter(patch.primitive.kind for patch in fitted)
+    return ", ".join(f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.most_common()) or "nothing"
+
+
+@dataclass
+class Clock:
+    """Times the stages and passes their messages on."""
+
+    progress: Progress
+    seconds: list[tuple[str, float]] = field(default_factory=list)
+    last: float = field(default_factory=time.perf_counter)
+
+    def done(self, stage: str, message: str) -> None:
+        """A stage has ended."""
+        now = time.perf_counter()
+        self.seconds.append((stage, now - self.last))
+        self.last = now
+        self.progress(stage, message)

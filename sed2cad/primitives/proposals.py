@@ -1,0 +1,234 @@
+"""Relations that fitted primitives seem to have: proposed where the uncertainty of the fits allows them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sed2cad.primitives.base import Array, Primitive
+from sed2cad.primitives.refine import centred, tukey_weights, uncertainty
+from sed2cad.primitives.registry import ANALYTIC_KINDS
+from sed2cad.primitives.relations import EQUATIONS, SAME, TANGENCIES, Equation, placement, residuals
+from sed2cad.primitives.solve_relations import Evidence, Relation
+
+# Least and most that a primitive is changed by, whatever its uncertainty.
+_ANGLES = (np.radians(0.5), np.radians(9.0))
+_SQUARE = np.radians(3.0)  # most for perpendicular, which many directions are by chance
+_SHIFTS = (5e-4, 0.012)  # of an axis, unit frame
+_OFFSETS = (3e-4, 0.002)  # of a plane, unit frame
+_RADII = (2e-4, 0.002)  # unit frame
+_RADIUS_SHARE = 0.05  # radii that differ more are two radii
+_TANGENT_MISFIT = 0.08  # of a tangency's equations, radians or unit frame
+
+_INDEPENDENT = 50  # points that err independently; beyond, the errors of a scan are systematic
+_MOST_POINTS = 300  # per primitive, to weigh it against the relations
+_SAME_MISFIT = 0.006  # of two patches of one surface, radians or unit frame
+_WORSENING = 0.25  # growth of chi^2 per point that intent outweighs
+_CHANCE = 4.0  # growth of chi^2 per parameter that chance explains
+_UNSEEN = 1e-4  # rms that nobody sees, unit frame
+_LEAST_SIGMA = 1e-4  # unit frame; no points are trusted more
+
+_DIRECTION = slice(0, 2)  # in every chart but the sphere's
+_LATERAL = {"cylinder": slice(2, 4), "cone": slice(2, 4), "torus": slice(2, 5), "sphere": slice(0, 3)}
+_RADIUS = {"cylinder": slice(4, 5), "sphere": slice(3, 4), "torus": slice(6, 7)}
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A primitive with what its points say about it."""
+
+    primitive: Primitive
+    evidence: Evidence
+    covariance: Array  # (freedom, freedom), systematic errors allowed for
+
+    def spread(self, part: slice, known: slice = slice(0, 0)) -> float:
+        """Largest standard deviation within a part of the chart; another part may be known already."""
+        covariance = self.covariance[part, part]
+        if known.stop:
+            mixed = self.covariance[part, known]
+            covariance = covariance - mixed @ np.linalg.pinv(self.covariance[known, known]) @ mixed.T
+        return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
+
+    def spoiled_by(self, moved: Primitive) -> bool:
+        """Whether a changed primitive has left the points by more than chance and anyone's eye allow."""
+        before, after = self.evidence.chi_square(self.primitive), self.evidence.chi_square(moved)
+        count, sigma = len(self.evidence.points), float(1 / np.sqrt(self.evidence.weights.max()))
+        unseen = count * (_UNSEEN / sigma) ** 2
+        return after - before > max(_WORSENING * count, _CHANCE * moved.freedom, unseen)
+
+    @property
+    def lateral(self) -> float:
+        """Standard deviation of the place of the axis or centre, its direction being known."""
+        known = slice(0, 0) if self.primitive.kind == "sphere" else _DIRECTION
+        return self.spread(_LATERAL[self.primitive.kind], known)
+
+    @property
+    def offset(self) -> float:
+        """Standard deviation of a plane's offset, its direction being known."""
+        return self.spread(slice(2, 3), _DIRECTION)
+
+
+Pieces = dict[int, Piece]
+
+
+def piece(primitive: Primitive, points: Array, noise: float) -> Piece:
+    """Weigh a primitive by its points (n, 3); few of them are no better than the noise of the whole scan."""
+    primitive = centred(primitive, points)
+    if len(points) > _MOST_POINTS:
+        points = points[np.linspace(0, len(points) - 1, _MOST_POINTS).astype(np.int64)]
+    fit = uncertainty(primitive, points, noise)
+    sigma = max(fit.sigma, _LEAST_SIGMA, noise if len(points) < _INDEPENDENT else 0.0)
+    weights = tukey_weights(primitive.distance(points), noise, primitive.freedom)
+    evidence = Evidence(points, weights / sigma**2)
+    covariance = fit.covariance * (sigma / fit.sigma) ** 2 * max(1.0, len(points) / _INDEPENDENT)
+    return Piece(primitive, evidence, covariance)
+
+
+def propose_directions(pieces: Pieces) -> list[Relation]:
+    """Each direction parallel to a better known one, or else perhaps perpendicular to the other groups'."""
+    spread = {k: p.spread(_DIRECTION) for k, p in pieces.items() if p.primitive.kind != "sphere"}
+    leaders: list[int] = []
+    relations: list[Relation] = []
+    for index in sorted(spread, key=lambda k: spread[k]):
+        angles = [_angle(pieces[index].primitive, pieces[leader].primitive) for leader in leaders]
+        limits = [_within(_ANGLES, spread[index], spread[leader]) for leader in leaders]
+        best = int(np.argmin(angles)) if leaders else -1
+        if leaders and angles[best] < limits[best]:
+            relations.append(_relation("parallel", leaders[best], index, angles[best] / limits[best]))
+            continue
+        for leader, angle, limit in zip(leaders, angles, limits):
+            limit = min(limit, _SQUARE)
+            if np.pi / 2 - angle < limit:
+                relations.append(_relation("perpendicular", leader, index, (np.pi / 2 - angle) / limit))
+        leaders.append(index)
+    return relations
+
+
+def propose_coplanar(pieces: Pieces, directions: Iterable[Relation]) -> list[Relation]:
+    """Parallel planes with nearly one offset; the directions must hold already."""
+    relations = []
+    for group in _groups(pieces, directions):
+        leaders: list[int] = []
+        for index in sorted(_of_kind(pieces, group, ("plane",)), key=lambda k: pieces[k].offset):
+            for leader in leaders:
+                p, q = placement(pieces[leader].primitive), placement(pieces[index].primitive)
+                sign = float(np.sign(p[:3] @ q[:3]))
+                gap, limit = (
+                    abs(p[6] - sign * q[6]),
+                    _within(_OFFSETS, pieces[leader].offset, pieces[index].offset),
+                )
+                if gap < limit:
+                    relations.append(_relation("coplanar", leader, index, gap / limit, sign))
+                    break
+            else:
+                leaders.append(index)
+    return relations
+
+
+def propose_coaxial(pieces: Pieces, directions: Iterable[Relation]) -> list[Relation]:
+    """Parallel axes that nearly coincide, and spheres on them; the directions must hold already."""
+    relations = []
+    spheres = _of_kind(pieces, pieces, ("sphere",))
+    for group in _groups(pieces, directions):
+        leaders: list[int] = []
+        axes = sorted(_of_kind(pieces, group, ("cylinder", "cone", "torus")), key=lambda k: pieces[k].lateral)
+        for index in axes + spheres:
+            kind = "concentric" if index in spheres else "coaxial"
+            for leader in leaders:
+                p, q = placement(pieces[leader].primitive), placement(pieces[index].primitive)
+                gap = float(np.linalg.norm(np.cross(q[3:6] - p[3:6], p[:3])))
+                limit = _within(_SHIFTS, pieces[leader].lateral, pieces[index].lateral)
+                if gap < limit:
+                    relations.append(_relation(kind, leader, index, gap / limit))
+                    break
+            else:
+                leaders += [] if index in spheres else [index]
+    return relations
+
+
+def propose_radii(pieces: Pieces) -> list[Relation]:
+    """Cylinders, spheres and tubes of tori with nearly one radius."""
+    kinds = tuple(_RADIUS)
+    spread = {k: pieces[k].spread(_RADIUS[pieces[k].primitive.kind]) for k in _of_kind(pieces, pieces, kinds)}
+    radius = {
+        k: placement(pieces[k].primitive)[7 if pieces[k].primitive.kind == "torus" else 6] for k in spread
+    }
+    leaders: list[int] = []
+    relations = []
+    for index in sorted(spread, key=lambda k: spread[k]):
+        for leader in leaders:
+            gap, limit = abs(radius[leader] - radius[index]), _within(_RADII, spread[leader], spread[index])
+            if gap < min(limit, _RADIUS_SHARE * radius[leader]):
+                relations.append(_equal_radius(pieces, leader, index, gap / limit))
+                break
+        else:
+            leaders.append(index)
+    return relations
+
+
+def _equal_radius(pieces: Pieces, a: int, b: int, strain: float) -> Relation:
+    a, b = sorted((a, b), key=lambda k: pieces[k].primitive.kind == "torus")
+    tori = sum(pieces[k].primitive.kind == "torus" for k in (a, b))
+    equation = EQUATIONS[("equal_radius", "equal_minor", "equal_minors")[tori]]
+    return Relation("equal_radius", a, b, equation, strain=strain)
+
+
+def propose_tangencies(pieces: Pieces, pairs: Iterable[tuple[int, int]]) -> list[Relation]:
+    """For each pair that touches smoothly: the way of being one surface or tangent that nearly holds."""
+    relations = []
+    for pair in pairs:
+        if not all(index in pieces for index in pair):
+            continue
+        a, b = sorted(pair, key=lambda k: ANALYTIC_KINDS.index(pieces[k].primitive.kind))
+        kinds = pieces[a].primitive.kind, pieces[b].primitive.kind
+        same = (SAME[kinds[0]],) if kinds[0] == kinds[1] else ()
+        misfit, way, sign = _nearest(pieces[a].primitive, pieces[b].primitive, same)
+        if misfit < _SAME_MISFIT:
+            relations.append(Relation("same", a, b, way, sign, misfit / _SAME_MISFIT))
+            continue
+        misfit, way, sign = _nearest(pieces[a].primitive, pieces[b].primitive, TANGENCIES.get(kinds, ()))
+        if misfit < _TANGENT_MISFIT:
+            relations.append(Relation("tangent", a, b, way, sign, misfit / _TANGENT_MISFIT))
+    return relations
+
+
+def _nearest(a: Primitive, b: Primitive, ways: Sequence[Equation]) -> tuple[float, Equation, float]:
+    """The smallest of the largest residuals, its equation and its sign."""
+    p, q = placement(a)[None], placement(b)[None]
+    best: tuple[float, Equation, float] = (np.inf, EQUATIONS["parallel"], 1.0)
+    for way in ways:
+        for sign in (1.0, -1.0):
+            misfit = float(np.abs(residuals(way, p, q, np.array([sign]))).max())
+            best = min(best, (misfit, way, sign), key=lambda entry: entry[0])
+    return best
+
+
+def _relation(kind: str, a: int, b: int, strain: float, sign: float = 1.0) -> Relation:
+    return Relation(kind, a, b, EQUATIONS[kind], sign, strain)
+
+
+def _groups(pieces: Pieces, directions: Iterable[Relation]) -> list[list[int]]:
+    """Indices with one direction, the best known first."""
+    groups = {index: [index] for index, entry in pieces.items() if entry.primitive.kind != "sphere"}
+    for relation in directions:
+        if relation.kind == "parallel":
+            groups[relation.a].append(relation.b)
+            groups.pop(relation.b)
+    return list(groups.values())
+
+
+def _of_kind(pieces: Pieces, indices: Iterable[int], kinds: tuple[str, ...]) -> list[int]:
+    return [index for index in indices if pieces[index].primitive.kind in kinds]
+
+
+def _within(limits: tuple[float, float], a: float, b: float) -> float:
+    """Three standard deviations of a difference, but within limits."""
+    return float(np.clip(3 * np.hypot(a, b), *limits))
+
+
+def _angle(a: Primitive, b: Primitive) -> float:
+    """Between two undirected directions, radians."""
+    cross = np.cross(placement(a)[:3], placement(b)[:3])
+    return float(np.arcsin(np.minimum(np.linalg.norm(cross), 1.0)))

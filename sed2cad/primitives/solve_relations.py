@@ -1,0 +1,222 @@
+"""Primitives that obey relations exactly and otherwise stay as near to their points as they can."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from sed2cad.primitives.base import Array, Primitive
+from sed2cad.primitives.relations import (
+    PLACEMENT,
+    Equation,
+    placement,
+    placement_jacobian,
+    residual_jacobian,
+    residuals,
+)
+from sed2cad.primitives.starts import is_proper
+
+_STEPS = 12  # towards relations and points
+_LAST_STEPS = 5  # towards the relations alone
+_HELD_BACK = 0.02  # standard deviation of one step, radians or unit lengths
+_LARGEST_STEP = 0.05  # radians or unit lengths
+_EXACT = 1e-12
+_DEPENDENT = 1e-4  # a row of the constraints that adds less than this is implied by the others
+
+
+@dataclass(frozen=True)
+class Relation:
+    """What two primitives are to each other."""
+
+    kind: str
+    a: int  # index of the primitive that the equation calls p
+    b: int  # q
+    equation: Equation
+    sign: float = 1.0
+    strain: float = 0.0  # violation before, in units of what is tolerated
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Points that hold a primitive in place."""
+
+    points: Array  # (n, 3)
+    weights: Array  # (n,), 1 / variance
+
+    def chi_square(self, primitive: Primitive) -> float:
+        """Weighted sum of the squared distances."""
+        return float(self.weights @ primitive.distance(self.points) ** 2)
+
+
+def satisfy(
+    primitives: Mapping[int, Primitive], relations: Sequence[Relation], evidence: Mapping[int, Evidence]
+) -> dict[int, Primitive]:
+    """Null-space Gauss-Newton over all related primitives; the others are returned as they are.
+
+    Where relations contradict each other the less strained ones are met: check `violations` of the result.
+    """
+    current = dict(primitives)
+    layout = _layout(current, relations)
+    history: list[float] = []
+    for turn in range(_STEPS + _LAST_STEPS):
+        values, rows, trust = _constraints(current, relations, layout)
+        history.append(float(np.abs(values).max(initial=0.0)))
+        if turn > 7 and history[-1] > max(1e-6, 0.8 * history[-5]):
+            break  # a contradiction
+        hessian, gradient = _fit_terms(current, evidence, layout)
+        onto, along = _null_space_steps(hessian, gradient, rows * trust[:, None], values * trust)
+        step = _shortened(onto) + (_shortened(along) if turn < _STEPS else 0)
+        current = _moved(current, step, layout)
+        resting = turn >= _STEPS or np.abs(along).max(initial=0.0) < 1e-6
+        if resting and history[-1] < _EXACT:
+            break
+    return current
+
+
+def _shortened(step: Array) -> Array:
+    return step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+
+
+def violations(primitives: Mapping[int, Primitive], relations: Sequence[Relation]) -> Array:
+    """The largest residual of each relation (k,)."""
+    found, placements = np.zeros(len(relations)), _placements(primitives, relations)
+    for equation, members in _by_equation(relations).items():
+        sides = _sides(placements, [relations[k] for k in members])
+        found[members] = np.abs(residuals(equation, *sides)).max(axis=1)
+    return found
+
+
+def tensions(
+    before: Mapping[int, Primitive],
+    after: Mapping[int, Primitive],
+    relations: Sequence[Relation],
+    evidence: Mapping[int, Evidence],
+) -> Array:
+    """Work (k,) that each relation did against the points: its multipliers times what it has moved.
+
+    About the fall of chi^2 if it were given up.
+    """
+    layout = _layout(after, relations)
+    moved, rows = _constraints(before, relations, layout)[0], _constraints(after, relations, layout)[1]
+    _, gradient = _fit_terms(after, evidence, layout)
+    work = np.linalg.lstsq(rows.T, -gradient, rcond=_DEPENDENT)[0] * moved
+    found, start = np.zeros(len(relations)), 0
+    for members in _by_equation(relations).values():
+        width = _row_count(relations[members[0]], before)
+        share = work[start : start + width * len(members)].reshape(len(members), width)
+        found[members] = np.abs(share.sum(axis=1))
+        start += width * len(members)
+    return found
+
+
+def _layout(primitives: Mapping[int, Primitive], relations: Sequence[Relation]) -> dict[int, slice]:
+    """Which unknowns belong to which of the related primitives."""
+    layout: dict[int, slice] = {}
+    start = 0
+    for index in sorted({index for relation in relations for index in (relation.a, relation.b)}):
+        layout[index] = slice(start, start + primitives[index].freedom)
+        start += primitives[index].freedom
+    return layout
+
+
+def _unknowns(layout: dict[int, slice]) -> int:
+    return max((part.stop for part in layout.values()), default=0)
+
+
+def _by_equation(relations: Sequence[Relation]) -> dict[Equation, list[int]]:
+    groups: dict[Equation, list[int]] = {}
+    for k, relation in enumerate(relations):
+        groups.setdefault(relation.equation, []).append(k)
+    return groups
+
+
+def _row_count(relation: Relation, primitives: Mapping[int, Primitive]) -> int:
+    return residuals(relation.equation, *_sides(_placements(primitives, [relation]), [relation])).shape[1]
+
+
+def _placements(primitives: Mapping[int, Primitive], relations: Sequence[Relation]) -> dict[int, Array]:
+    """The placement (8,) of every related primitive."""
+    indices = {index for relation in relations for index in (relation.a, relation.b)}
+    return {index: placement(primitives[index]) for index in indices}
+
+
+def _sides(placements: Mapping[int, Array], relations: Sequence[Relation]) -> tuple[Array, Array, Array]:
+    """Placements (k, 8) of both sides and signs (k,)."""
+    p = np.stack([placements[relation.a] for relation in relations])
+    q = np.stack([placements[relation.b] for relation in relations])
+    return p, q, np.array([relation.sign for relation in relations])
+
+
+def _constraints(
+    primitives: Mapping[int, Primitive], relations: Sequence[Relation], layout: dict[int, slice]
+) -> tuple[Array, Array, Array]:
+    """All residuals (m,), their derivatives (m, unknowns) and trust (m,), equation by equation."""
+    charts = {index: placement_jacobian(primitives[index]) for index in layout}
+    placements, unknowns = _placements(primitives, relations), _unknowns(layout)
+    values, rows, trust = [np.zeros(0)], [np.zeros((0, unknowns))], [np.zeros(0)]
+    for equation, members in _by_equation(relations).items():
+        chosen = [relations[k] for k in members]
+        sides = _sides(placements, chosen)
+        values.append(residuals(equation, *sides).ravel())
+        slopes = residual_jacobian(equation, *sides)
+        block = np.zeros((*slopes.shape[:2], unknowns))
+        for row, slope, relation in zip(block, slopes, chosen):
+            row[:, layout[relation.a]] += slope[:, :PLACEMENT] @ charts[relation.a]
+            row[:, layout[relation.b]] += slope[:, PLACEMENT:] @ charts[relation.b]
+        rows.append(block.reshape(-1, unknowns))
+        trust.append(np.repeat([1 / (0.2 + relation.strain) for relation in chosen], slopes.shape[1]))
+    return np.concatenate(values), np.vstack(rows), np.concatenate(trust)
+
+
+def _fit_terms(
+    primitives: Mapping[int, Primitive], evidence: Mapping[int, Evidence], layout: dict[int, slice]
+) -> tuple[Array, Array]:
+    """Normal matrix (unknowns, unknowns) and gradient of the weighted squares of the distances."""
+    size = _unknowns(layout)
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    for index, part in layout.items():
+        points, weights = evidence[index].points, evidence[index].weights
+        jacobian = primitives[index].jacobian(points)
+        weighted = jacobian * weights[:, None]
+        hessian[part, part] = weighted.T @ jacobian
+        gradient[part] = primitives[index].distance(points) @ weighted
+    return hessian, gradient
+
+
+def _null_space_steps(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array]:
+    """The shortest step that makes values + rows . step zero, and one along the relations.
+
+    The latter leaves the least of the squares; it is held back where the points say next to nothing.
+    """
+    if not len(gradient):
+        return gradient, gradient
+    base, triangle, order = qr(rows.T, pivoting=True)
+    pivots = np.abs(np.diag(triangle))
+    rank = int((pivots > _DEPENDENT * pivots[0]).sum()) if len(pivots) and pivots[0] > 0 else 0
+    onto = np.zeros(len(gradient))
+    if rank:
+        onto = base[:, :rank] @ solve_triangular(triangle[:rank, :rank], -values[order[:rank]], trans="T")
+    free = base[:, rank:]
+    reduced = free.T @ hessian @ free + np.eye(free.shape[1]) / _HELD_BACK**2
+    scale = 1 / np.sqrt(np.diag(reduced))
+    pull = scale * (free.T @ (gradient + hessian @ onto))
+    along = -free @ (scale * np.linalg.solve(reduced * scale[:, None] * scale, pull))
+    return onto, np.asarray(along)
+
+
+def _moved(
+    primitives: Mapping[int, Primitive], step: Array, layout: dict[int, slice]
+) -> dict[int, Primitive]:
+    """Every related primitive moved by its part of the step, halved where that would break it."""
+    moved = dict(primitives)
+    for index, part in layout.items():
+        share = step[part]
+        for _ in range(8):
+            moved[index] = primitives[index].moved(share)
+            if is_proper(moved[index]):
+                break
+            share = share / 2
+    return moved

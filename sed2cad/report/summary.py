@@ -1,0 +1,54 @@
+"""From an assembly to its report."""
+
+from __future__ import annotations
+
+import math
+
+from sed2cad.assembly import FACETS, Assembly
+from sed2cad.primitives.names import primitive_names
+from sed2cad.regularize import Constraint
+from sed2cad.report.report import Deviation, FaceSummary, Report
+from sed2cad.scan.scan import Frame
+
+ANGULAR = ("parallel", "perpendicular")
+
+
+def summarise(
+    assembly: Assembly, frame: Frame, seconds: tuple[tuple[str, float], ...], notes: tuple[str, ...]
+) -> Report:
+    """What the user is told, in the scan's unit. A fallback is a warning, never silent."""
+    gate = assembly.solid.gate
+    faces = tuple(
+        FaceSummary(name, face.rung, face.deviation) for name, face in zip(assembly.face_names, assembly.solid.faces)
+    )
+    names = primitive_names(assembly.fitted)
+    warnings = list(notes)
+    if assembly.rung == FACETS:
+        warnings.append("the solid is made of facets: no exact one passed the checks")
+    if not gate.passed:
+        warnings.append(f"the solid did not pass all checks: {gate.reason}")
+    freeform = sum(face.rung == "bspline" for face in faces)
+    if freeform:
+        warnings.append(f"{freeform} of {len(faces)} faces are freeform (B-spline)")
+    return Report(
+        closed=gate.closed and gate.valid,
+        rung=assembly.rung,
+        reason="; ".join(assembly.failures),
+        faces=len(faces),
+        exact_faces=sum(face.rung == "exact" for face in faces),
+        volume=gate.volume,
+        deviation=Deviation(gate.rms, gate.p95, gate.max),
+        face_list=faces,
+        constraints=tuple(_describe(c, names, frame.scale) for c in assembly.constraints),
+        seconds=seconds,
+        warnings=tuple(warnings),
+    )
+
+
+def _describe(constraint: Constraint, names: tuple[str, ...], scale: float) -> str:
+    """"cylinder_1 coaxial cylinder_2 (was 0.013 off)": what was made exact and by how much."""
+    if constraint.kind in ANGULAR:
+        change = f"{math.degrees(constraint.residual):.3g} degrees"
+    else:
+        change = f"{constraint.residual * scale:.3g}"
+    return f"{names[constraint.a]} {constraint.kind} {names[constraint.b]} (was off by {change})"

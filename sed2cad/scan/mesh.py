@@ -1,0 +1,130 @@
+"""Triangle soups to meshes: corners welded, triangles wound outwards."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.spatial import cKDTree
+
+from sed2cad.scan.scan import Array, Mesh
+
+TOLERANCE = 1e-5
+"""Corners nearer than this (in diagonals) are welded where that closes gaps."""
+
+
+def weld(mesh: Mesh) -> Mesh:
+    """Corners at one place made one vertex; degenerate and duplicate triangles and unused vertices dropped."""
+    places, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    exact = _tidy(places, number.ravel()[mesh.faces])
+    if is_closed(exact):
+        return exact
+    limit = TOLERANCE * float(np.linalg.norm(np.ptp(exact.vertices, axis=0)))
+    pairs = cKDTree(exact.vertices).query_pairs(limit, output_type="ndarray")
+    if not len(pairs):
+        return exact
+    n = len(exact.vertices)
+    _, group = connected_components(csr_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n)), directed=False)
+    first = np.unique(group, return_index=True)[1]
+    near = _tidy(exact.vertices[first], group[exact.faces])
+    return near if _open_edges(near) < _open_edges(exact) else exact
+
+
+def is_closed(mesh: Mesh) -> bool:
+    """True when every edge has two triangles (or an even number)."""
+    return len(mesh.faces) > 0 and _open_edges(mesh) == 0
+
+
+def wound_outwards(mesh: Mesh) -> Mesh:
+    """Neighbouring triangles wound alike; closed bodies outwards, closed cavities in them inwards.
+
+    Open parts keep the winding that most of their area has.
+    """
+    pairs, same = _neighbours(mesh)
+    f = len(mesh.faces)
+    graph = csr_matrix((np.ones(len(pairs)), pairs.T), shape=(f, f))
+    count, part = connected_components(graph, directed=False)
+    turn = _alike(f, pairs, same, part)
+    area = mesh.face_normals()[1]
+    turn *= np.where(np.bincount(part, turn * area, count) < 0, -1, 1)[part]
+    faces = np.where(turn[:, None] < 0, mesh.faces[:, ::-1], mesh.faces)
+    bodies = [Mesh(mesh.vertices, faces[part == p]) for p in range(count)] if count < 200 else []
+    for p, body in enumerate(bodies):
+        if is_closed(body):
+            others = [b for q, b in enumerate(bodies) if q != p and is_closed(b)]
+            depth = sum(_inside(mesh.vertices[body.faces[0, 0]], body, other) for other in others)
+            if (body.volume() < 0) != (depth % 2 == 1):
+                faces[part == p] = faces[part == p][:, ::-1]
+    return Mesh(mesh.vertices, faces)
+
+
+def smooth_parts(mesh: Mesh, degrees: float) -> tuple[int, NDArray[np.int32]]:
+    """Parts of the mesh (their count, and (f,) the part of each triangle) between edges sharper than
+    `degrees`.
+    """
+    pairs, same = _neighbours(mesh)
+    normals, _ = mesh.face_normals()
+    cosine = same * np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
+    pairs = pairs[cosine > np.cos(np.radians(degrees))]
+    f = len(mesh.faces)
+    return connected_components(csr_matrix((np.ones(len(pairs)), pairs.T), shape=(f, f)), directed=False)
+
+
+def _tidy(vertices: Array, faces: NDArray[np.int64]) -> Mesh:
+    corners = np.sort(faces, axis=1)
+    proper = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
+    faces, corners = faces[proper], corners[proper]
+    faces = faces[np.sort(np.unique(corners, axis=0, return_index=True)[1])]
+    used, number = np.unique(faces, return_inverse=True)
+    return Mesh(vertices[used], number.reshape(-1, 3).astype(np.int64))
+
+
+def _half_edges(mesh: Mesh) -> tuple[NDArray, NDArray, NDArray]:
+    """Keys (3 f,) of the edges, whether each is walked upwards, and its triangle."""
+    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    key = np.minimum(start, end) * np.int64(len(mesh.vertices)) + np.maximum(start, end)
+    return key, start < end, np.repeat(np.arange(len(mesh.faces)), 3)
+
+
+def _open_edges(mesh: Mesh) -> int:
+    count = np.unique(_half_edges(mesh)[0], return_counts=True)[1]
+    return int((count % 2).sum())
+
+
+def _neighbours(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs (m, 2) of triangles that share an edge with no third, and 1 where they are wound alike, else -1."""
+    key, upward, face = _half_edges(mesh)
+    order = np.argsort(key, kind="stable")
+    key, upward, face = key[order], upward[order], face[order]
+    starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
+    twice = starts[np.diff(np.r_[starts, len(key)]) == 2]
+    return np.column_stack([face[twice], face[twice + 1]]), np.where(upward[twice] != upward[twice + 1], 1, -1)
+
+
+def _alike(f: int, pairs: NDArray, same: NDArray, part: NDArray) -> NDArray[np.int64]:
+    """1 or -1 (f,) for every triangle, so that neighbours are wound alike when those with -1 are turned."""
+    roots = np.unique(part, return_index=True)[1]
+    rows, columns = np.r_[pairs[:, 0], np.full(len(roots), f)], np.r_[pairs[:, 1], roots]
+    graph = csr_matrix((np.r_[same + 3, np.full(len(roots), 4)], (rows, columns)), shape=(f + 1, f + 1))
+    parent = breadth_first_order(graph, f, directed=False)[1]
+    parent[f] = f
+    own = np.arange(f)
+    sign = np.r_[np.asarray((graph + graph.T)[own, parent[:f]]).ravel() - 3, 1]
+    while (parent != f).any():  # every round doubles how far each triangle looks towards the root
+        sign, parent = sign * sign[parent], parent[parent]
+    return sign[:f].astype(np.int64)
+
+
+def _inside(point: Array, body: Mesh, other: Mesh) -> bool:
+    """Does `body`, one of whose vertices is `point`, lie in `other`? (winding number, van Oosterom and
+    Strackee 1983)
+    """
+    corners, room = body.vertices[np.unique(body.faces)], other.vertices[np.unique(other.faces)]
+    if (corners.min(axis=0) < room.min(axis=0)).any() or (corners.max(axis=0) > room.max(axis=0)).any():
+        return False
+    a, b, c = (other.vertices[other.faces[:, k]] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    dot = lambda u, v: np.einsum("ij,ij->i", u, v)  # noqa: E731
+    angle = np.arctan2(dot(a, np.cross(b, c)), la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb)
+    return abs(float(angle.sum())) > np.pi

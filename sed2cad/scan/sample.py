@@ -1,0 +1,49 @@
+"""Points with normals on a mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sed2cad.scan.mesh import smooth_parts
+from sed2cad.scan.scan import Array, Mesh
+
+COUNT = 30_000
+"""Points on a mesh."""
+LEAST = 12
+"""Points on the smallest part of a mesh between sharp edges."""
+SMOOTH = 30.0
+"""Edges that turn less than this many degrees are not sharp: normals are averaged across them."""
+
+
+def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array]:
+    """About `count` points and their unit normals, both (n, 3), spread by area.
+
+    Parts between sharp edges get at least a dozen points each. Normals are interpolated between those of the
+    corners, so that a tessellated cylinder has round ones.
+    """
+    rng = np.random.default_rng(seed)
+    parts, part = smooth_parts(mesh, SMOOTH)
+    _, area = mesh.face_normals()
+    part_area = np.bincount(part, area, parts)
+    wanted = np.maximum(count * part_area / area.sum(), min(LEAST, count // (4 * parts)))
+    expected = area / np.maximum(part_area, 1e-300)[part] * wanted[part]
+    ends = np.floor(np.cumsum(expected) + rng.random()).astype(np.int64)
+    face = np.repeat(np.arange(len(area)), np.diff(ends, prepend=0))
+    weight = rng.random((len(face), 2))
+    weight = np.where((weight.sum(axis=1) > 1)[:, None], 1 - weight, weight)
+    weight = np.column_stack([1 - weight.sum(axis=1), weight])
+    points = np.einsum("nk,nki->ni", weight, mesh.vertices[mesh.faces[face]])
+    normals = np.einsum("nk,nki->ni", weight, _corner_normals(mesh, part)[face])
+    return points, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+
+def _corner_normals(mesh: Mesh, part: NDArray) -> Array:
+    """Unit normals (f, 3, 3) at the corners: means over the triangles of the same part, weighted by area."""
+    normals, area = mesh.face_normals()
+    corners = mesh.faces * np.int64(part.max() + 1) + part[:, None]
+    number = np.unique(corners, return_inverse=True)[1].ravel()
+    weighted = np.repeat(normals * area[:, None], 3, axis=0)
+    total = np.column_stack([np.bincount(number, weighted[:, a]) for a in range(3)])
+    total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+    return total[number].reshape(-1, 3, 3)

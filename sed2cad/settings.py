@@ -1,0 +1,34 @@
+"""What a reconstruction can be told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from sed2cad.errors import UsageError
+
+UNITS = ("mm", "cm", "m", "in")
+DEVICES = ("auto", "cpu", "cuda")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Options of `reconstruct`; UsageError for values that make no sense."""
+
+    seed: int = 0
+    tolerance: float | None = None  # largest distance of a scan point from the solid, in `unit`; None: from the noise
+    device: str = "auto"  # where the network runs: "auto", "cpu", "cuda"
+    unit: str = "mm"  # of the scan's coordinates: "mm", "cm", "m", "in"
+    attempt_seconds: float = 60.0  # for one attempt to build the solid; the CAD kernel hangs now and then
+
+    def __post_init__(self) -> None:
+        if self.unit not in UNITS:
+            raise UsageError(f"unknown unit {self.unit!r}: it must be one of {', '.join(UNITS)}")
+        if self.device not in DEVICES:
+            raise UsageError(f"unknown device {self.device!r}: it must be one of {', '.join(DEVICES)}")
+        if self.tolerance is not None and not (math.isfinite(self.tolerance) and self.tolerance > 0):
+            raise UsageError(f"the tolerance is {self.tolerance}: it must be a length above 0")
+        if not 0 <= self.seed < 2**32:
+            raise UsageError(f"the seed is {self.seed}: it must be between 0 and {2**32 - 1}")
+        if not self.attempt_seconds > 0:
+            raise UsageError(f"the time limit is {self.attempt_seconds} s: it must be above 0")

@@ -1,0 +1,99 @@
+"""Caps that the segmentation missed: the loops around a cylinder or a cone must undo each other's turns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.cone import Cone
+from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.vectors import tangent_frame
+from sed2cad.scan.scan import Array, Mesh, Scan
+from sed2cad.topology.mincut import Labels
+from sed2cad.topology.model import Chain, Region, Topology
+
+_STEEP = 0.6  # cosine to the axis above which a triangle can be part of a cap
+_LEAST_TRIANGLES = 3
+_NEAR_APEX = 0.02  # unit frame: a cone's region may end at its apex
+
+
+def turns(primitive: Cylinder | Cone, region: Region, chains: Sequence[Chain]) -> float:
+    """How often the loops of a region go around the axis, in all; 0 when nothing is missing."""
+    x, y = tangent_frame(primitive.axis)
+    origin = primitive.apex if isinstance(primitive, Cone) else primitive.point
+    total = 0.0
+    for loop in region.loops:
+        for index, direction in loop:
+            points = chains[index].points
+            if chains[index].closed:
+                points = np.vstack([points, points[:1]])
+            angles = np.unwrap(np.arctan2((points - origin) @ y, (points - origin) @ x))
+            total += direction * float(angles[-1] - angles[0])
+    return total / (2 * np.pi)
+
+
+def missing_cap(
+    scan: Scan, mesh: Mesh, region: Labels, topology: Topology, fitted: Sequence[FittedPatch]
+) -> tuple[FittedPatch, Labels] | None:
+    """The first missing cap, as a plane across the axis, and its triangles; None when all regions are closed."""
+    for index, face in enumerate(topology.regions):
+        primitive = fitted[face.primitive].primitive
+        if not isinstance(primitive, Cylinder | Cone) or not face.loops:
+            continue
+        if abs(turns(primitive, face, topology.chains)) < 0.5:
+            continue
+        found = _cap(primitive, mesh, np.flatnonzero(region == index), _loop_height(primitive, face, topology))
+        if found is not None:
+            plane, triangles = found
+            return _as_patch(plane, triangles, scan, mesh), triangles
+    return None
+
+
+def _heights(primitive: Cylinder | Cone, points: Array) -> Array:
+    """Positions (n,) along the axis."""
+    origin = primitive.apex if isinstance(primitive, Cone) else primitive.point
+    return np.asarray((points - origin) @ primitive.axis)
+
+
+def _loop_height(primitive: Cylinder | Cone, face: Region, topology: Topology) -> float:
+    """Mean height of the loops that there are."""
+    points = np.vstack([topology.chains[chain].points for loop in face.loops for chain, _ in loop])
+    return float(_heights(primitive, points).mean())
+
+
+def _cap(
+    primitive: Cylinder | Cone, mesh: Mesh, triangles: Labels, loop_height: float
+) -> tuple[Plane, Labels] | None:
+    """The plane at the end of the region that has no loop, and which of its triangles are on it."""
+    heights = _heights(primitive, mesh.centroids()[triangles])
+    span = float(np.ptp(heights))
+    upper = heights.max() - loop_height > loop_height - heights.min()
+    end = float(heights.max() if upper else heights.min())
+    if isinstance(primitive, Cone) and abs(end) < _NEAR_APEX:
+        return None
+    normals, areas = mesh.face_normals()
+    along = normals[triangles] @ primitive.axis
+    reach = np.abs(heights - end)
+    facing = np.sign((along * areas[triangles])[reach < 0.15 * span + 1e-9].sum())
+    on_cap = (along * facing > _STEEP) & (reach < 0.4 * span + 1e-9)
+    if on_cap.sum() < _LEAST_TRIANGLES or on_cap.all():
+        return None
+    height = float(np.median(heights[on_cap]))
+    normal = facing * primitive.axis
+    origin = primitive.apex if isinstance(primitive, Cone) else primitive.point
+    return Plane(normal, float(normal @ (origin + height * primitive.axis))), triangles[on_cap]
+
+
+def _as_patch(plane: Plane, triangles: Labels, scan: Scan, mesh: Mesh) -> FittedPatch:
+    """The plane with the points that are nearest to the triangles."""
+    _, nearest = cKDTree(mesh.centroids()).query(scan.points)
+    indices = np.flatnonzero(np.isin(nearest, triangles)).astype(np.int64)
+    interior = np.ones(len(indices), dtype=bool)
+    distance = plane.distance(scan.points[indices])
+    rms = float(np.sqrt(np.mean(distance**2))) if len(indices) else scan.spacing
+    spread = max(rms, scan.noise, 0.1 * scan.spacing) ** 2
+    return FittedPatch(Patch(indices, "plane", interior), plane, 1, rms, spread * np.eye(Plane.freedom))

@@ -1,0 +1,71 @@
+"""Which primitive each triangle of the proxy lies on: alpha-expansion on data, votes and creases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sed2cad.primitives.base import FittedPatch
+from sed2cad.scan.scan import Array, Mesh, Scan
+from sed2cad.topology.manifold import half_edges, twins
+from sed2cad.topology.mincut import Labels, Pairs, alpha_expansion
+
+_NEAR = 16  # points around a triangle whose patches are its candidates
+_VOTERS = 6  # of them vote
+_CREASE = 0.03  # 1 - cosine at which an edge counts as a crease
+
+
+@dataclass(frozen=True)
+class Adjacency:
+    """Pairs of triangles with a common edge."""
+
+    pairs: Pairs  # (e, 2)
+    length: Array  # (e,) of the edge
+    bend: Array  # (e,) 1 - cosine between the normals
+
+
+def adjacency(mesh: Mesh) -> Adjacency:
+    """The pairs of neighbours in a closed manifold mesh."""
+    twin = twins(mesh.faces)
+    half = np.flatnonzero(twin > np.arange(len(twin)))
+    origin, target = half_edges(mesh.faces)
+    length = np.linalg.norm(mesh.vertices[target[half]] - mesh.vertices[origin[half]], axis=1)
+    pairs = np.column_stack([half // 3, twin[half] // 3])
+    normals, _ = mesh.face_normals()
+    bend = 1 - np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
+    return Adjacency(pairs, length, np.clip(bend, 0.0, 2.0))
+
+
+def data_costs(mesh: Mesh, scan: Scan, fitted: Sequence[FittedPatch], labels: Labels) -> Array:
+    """Cost (f, k) of each triangle on each primitive; inf where no near point names it.
+
+    labels (n,): the patch of each point, -1 for none.
+    """
+    centres = mesh.centroids()
+    normals, _ = mesh.face_normals()
+    named = labels >= 0
+    points, names = scan.points[named], labels[named]
+    _, near = cKDTree(points).query(centres, k=min(_NEAR, len(points)))
+    around = names[near.reshape(len(centres), -1)]
+    unit = 2 * scan.noise + 0.3 * scan.spacing
+    costs = np.full((len(centres), len(fitted)), np.inf)
+    for label, patch in enumerate(fitted):
+        at = np.flatnonzero((around == label).any(axis=1))
+        votes = (around[at, :_VOTERS] == label).mean(axis=1)
+        distance = np.abs(patch.primitive.distance(centres[at])) / (unit + patch.rms)
+        cosine = patch.sign * np.einsum("ij,ij->i", patch.primitive.normal(centres[at]), normals[at])
+        costs[at, label] = np.minimum(distance, 4.0) + 3 * (1 - cosine) + 1.5 * (1 - votes)
+    return costs
+
+
+def label_triangles(mesh: Mesh, near: Adjacency, costs: Array, smoothness: float = 1.0) -> Labels:
+    """Labels (f,): data weighted by area, borders by length, cheaper along creases."""
+    _, area = mesh.face_normals()
+    share = np.clip(area / max(float(np.median(area)), 1e-300), 0.05, 20.0)
+    typical = max(float(np.median(near.length)), 1e-300)
+    smooth = 0.3 + 0.7 * np.exp(-near.bend / _CREASE)
+    weights = smoothness * np.clip(near.length / typical, 0.05, 20.0) * smooth
+    return alpha_expansion(costs * share[:, None], near.pairs, weights)

@@ -1,0 +1,147 @@
+"""The proxy: a closed, oriented, manifold triangle mesh of the part, from which the topology is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from gpytoolbox import point_cloud_to_mesh, squared_distance
+from scipy.spatial import cKDTree
+
+from sed2cad.errors import AssemblyError
+from sed2cad.primitives.base import FittedPatch
+from sed2cad.scan.scan import Array, Mesh, Scan
+from sed2cad.topology.carve import carved
+from sed2cad.topology.manifold import (
+    bodies,
+    euler_number,
+    groups,
+    is_closed_manifold,
+    split_edges,
+    split_fans,
+    twins,
+    used,
+)
+from sed2cad.topology.mirror import mirrored
+from sed2cad.topology.samples import Samples, surface_samples, thinned
+
+_GOOD = 0.01  # share of badly met points that no further attempt would improve much
+_MOST_SAMPLES = 25_000
+_MOST_TRIANGLES = 150_000
+_LONGEST_EDGE = 0.03  # unit frame: of the proxy's triangles away from borders
+_POISSON_DEPTH = 8
+
+
+def proxy_mesh(scan: Scan, fitted: Sequence[FittedPatch] = ()) -> Mesh:
+    """The best proxy of the scan, unit frame. AssemblyError when there is none.
+
+    The input mesh if it is closed; else the carved samples of the fitted surfaces; screened Poisson if those do
+    not explain the points.
+    """
+    own = closed_input(scan)
+    if own is not None:
+        return own
+    tried: list[tuple[float, int, Mesh]] = []
+    for attempt in _attempts(scan, fitted):
+        mesh = attempt()
+        if mesh is None or not is_closed_manifold(mesh.faces) or mesh.volume() <= 0:
+            continue
+        quality = proxy_quality(mesh, scan)
+        tried.append((quality, -euler_number(mesh.faces), mesh))
+        if quality < _GOOD:
+            break
+    if not tried:
+        raise AssemblyError("No closed surface could be laid through the points of the scan.")
+    return min(tried, key=lambda attempt: attempt[:2])[2]
+
+
+def proxy_quality(mesh: Mesh, scan: Scan) -> float:
+    """Share of the points farther than 1.5 spacings (and 4 times the noise) from the mesh or facing the other way."""
+    squared, triangle, _ = squared_distance(
+        scan.points, mesh.vertices, F=mesh.faces.astype(np.int32), use_cpp=True, use_aabb=True
+    )
+    far = np.sqrt(squared) > 1.5 * scan.spacing + 4 * scan.noise
+    normals, _ = mesh.face_normals()
+    opposed = np.einsum("ij,ij->i", normals[triangle], scan.normals) < -0.3
+    return float((far | opposed).mean())
+
+
+def _attempts(scan: Scan, fitted: Sequence[FittedPatch]) -> list[Callable[[], Mesh | None]]:
+    """Ways to a proxy, the best first."""
+    if not fitted:
+        return [lambda: poisson(scan.points, scan.normals)]
+    samples, spacing = _few_enough(surface_samples(scan, fitted), scan.spacing)
+    return [
+        lambda: carved(mirrored(samples, fitted, spacing), spacing),
+        lambda: carved(samples, spacing),
+        lambda: poisson(samples.points, samples.normals[:, 0]),
+        lambda: poisson(scan.points, scan.normals),
+    ]
+
+
+def _few_enough(samples: Samples, spacing: float) -> tuple[Samples, float]:
+    """At most about _MOST_SAMPLES of the samples, evenly, and their spacing."""
+    cell = spacing
+    while len(samples) > _MOST_SAMPLES:
+        cell *= 1.3
+        samples = thinned(samples, cell)
+    if cell > spacing:
+        near, _ = cKDTree(samples.points).query(samples.points, k=2)
+        spacing = float(np.median(near[:, 1]))
+    return samples, spacing
+
+
+def poisson(points: Array, normals: Array) -> Mesh | None:
+    """Screened Poisson surface (Kazhdan and Hoppe 2013), without the parts that few points support."""
+    vertices, faces = point_cloud_to_mesh(points, normals, psr_screening_weight=4.0, psr_depth=_POISSON_DEPTH)
+    faces = faces.astype(np.int64)
+    if len(faces) == 0:
+        return None
+    twin = twins(faces)
+    if (twin < 0).any():
+        return None
+    return supported(split_fans(vertices, faces, twin), points)
+
+
+def supported(mesh: Mesh, points: Array) -> Mesh:
+    """The bodies of the mesh that at least 1 % of the points are nearest to."""
+    number, body = bodies(mesh.faces)
+    _, nearest = cKDTree(mesh.centroids()).query(points)
+    support = np.bincount(body[nearest], minlength=number)
+    return used(Mesh(mesh.vertices, mesh.faces[(support >= 0.01 * len(points))[body]]))
+
+
+def closed_input(scan: Scan) -> Mesh | None:
+    """The scan's own mesh, welded, outward and finely divided, if it is closed and manifold."""
+    if scan.mesh is None:
+        return None
+    mesh = welded(scan.mesh)
+    if len(mesh.faces) == 0 or (twins(mesh.faces) < 0).any():
+        return None
+    mesh = split_fans(mesh.vertices, mesh.faces, twins(mesh.faces))
+    if mesh.volume() < 0:
+        mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
+    return divided(mesh, _LONGEST_EDGE)
+
+
+def welded(mesh: Mesh, distance: float = 1e-6) -> Mesh:
+    """The mesh with vertices nearer than `distance` made one and collapsed triangles left out."""
+    pairs = cKDTree(mesh.vertices).query_pairs(distance, output_type="ndarray")
+    number, group = groups(len(mesh.vertices), pairs)
+    vertices = np.zeros((number, 3))
+    vertices[group] = mesh.vertices
+    faces = group[mesh.faces]
+    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return used(Mesh(vertices, faces[whole]))
+
+
+def divided(mesh: Mesh, longest: float) -> Mesh:
+    """The mesh with edges above `longest` halved until none is left or the triangles are many."""
+    while len(mesh.faces) < _MOST_TRIANGLES / 2:
+        twin = twins(mesh.faces)
+        edges = mesh.vertices[np.roll(mesh.faces, -1, axis=1)] - mesh.vertices[mesh.faces]
+        long = np.linalg.norm(edges, axis=2).ravel() > longest
+        if not long.any():
+            break
+        mesh = split_edges(mesh, twin, long | long[twin])
+    return mesh

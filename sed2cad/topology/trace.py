@@ -1,0 +1,70 @@
+"""From the scan and its fitted patches to the topology."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sed2cad.errors import AssemblyError
+from sed2cad.primitives.base import FittedPatch
+from sed2cad.scan.scan import Mesh, Scan
+from sed2cad.topology.caps import missing_cap
+from sed2cad.topology.chains import build_topology
+from sed2cad.topology.labelling import Adjacency, adjacency, data_costs, label_triangles
+from sed2cad.topology.mincut import Labels
+from sed2cad.topology.model import Topology
+from sed2cad.topology.proxy import proxy_mesh
+from sed2cad.topology.regions import cleaned_labels, connected, support_of
+from sed2cad.topology.samples import settled_labels
+
+_MOST_CAPS = 8
+
+
+@dataclass(frozen=True)
+class Traced:
+    """The topology and what it was read from."""
+
+    topology: Topology
+    fitted: list[FittedPatch]  # the given ones and, after them, the caps that were missing
+    proxy: Mesh
+    labels: Labels  # (f,) region of each triangle of the proxy
+
+
+def trace(scan: Scan, fitted: Sequence[FittedPatch], smoothness: float = 1.0) -> Traced:
+    """Regions, chains and corners of the part. AssemblyError when there is no closed proxy or no patch."""
+    if not any(len(patch.patch.indices) for patch in fitted):
+        raise AssemblyError("No surface was found on the scan.")
+    mesh = proxy_mesh(scan, fitted)
+    points = settled_labels(scan, fitted)
+    near = adjacency(mesh)
+    costs = data_costs(mesh, scan, fitted, points)
+    labels = label_triangles(mesh, near, costs, smoothness)
+    labels = cleaned_labels(mesh, near, costs, labels, support_of(mesh, scan, points))
+    return _with_caps(scan, list(fitted), mesh, near, labels)
+
+
+def _with_caps(
+    scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels
+) -> Traced:
+    """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
+    topology, region = _topology(mesh, near, labels)
+    for _ in range(_MOST_CAPS):
+        found = missing_cap(scan, mesh, region, topology, fitted)
+        if found is None:
+            break
+        cap, triangles = found
+        labels = labels.copy()
+        labels[triangles] = len(fitted)
+        fitted = [*fitted, cap]
+        topology, region = _topology(mesh, near, labels)
+    return Traced(topology, fitted, mesh, region)
+
+
+def _topology(mesh: Mesh, near: Adjacency, labels: Labels) -> tuple[Topology, Labels]:
+    """The topology of the labels (f,) and the region (f,) of each triangle."""
+    number, region = connected(labels, near)
+    primitives = np.zeros(number, dtype=np.int64)
+    primitives[region] = labels
+    return build_topology(mesh, region, primitives), region

@@ -1,0 +1,111 @@
+"""From chains off a noisy mesh to exact curves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sed2cad.geometry.contact import Side
+from sed2cad.geometry.meeting import meeting
+from sed2cad.geometry.realise import realise
+from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.plane import Plane
+from sed2cad.topology.model import Chain, Topology
+from tests.geometry import parts
+
+X, Y, Z = np.eye(3)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("name", sorted(parts.EXACT))
+def test_edges_and_corners_are_exact(name: str, noise: float) -> None:
+    part = parts.EXACT[name]().noisy(noise)
+    realised = realise(part.topology, part.fitted)
+    edges = [edge for edge in realised.edges if edge is not None]
+    assert len(edges) == len(part.topology.chains)
+    assert all(edge.residual < 1e-9 for edge in edges)
+    if not name.startswith("halved"):  # between two halves of a plane only the mesh knows the edge
+        assert all(edge.arc.curve.kind in ("line", "circle") for edge in edges)
+    assert (realised.corner_residuals < 1e-9).all()
+
+
+def test_a_saddle_is_interpolated_closely() -> None:
+    part = parts.crossing_pipes().noisy(0.005)
+    edge = realise(part.topology, part.fitted).edges[3]
+    assert edge is not None
+    assert edge.arc.curve.kind == "interpolated"
+    assert edge.residual < 2e-5
+
+
+def test_edges_start_and_end_at_their_corners() -> None:
+    part = parts.filleted_box().noisy(0.01)
+    realised = realise(part.topology, part.fitted)
+    for chain, edge in zip(part.topology.chains, realised.edges):
+        assert edge is not None
+        first, last = edge.arc.ends()
+        assert first == pytest.approx(realised.corners[chain.start], abs=1e-9)
+        assert last == pytest.approx(realised.corners[chain.end], abs=1e-9)
+
+
+def _with_torn_corner(part: parts.Part, gap: float) -> Topology:
+    """The box with its first corner torn into two, a short chain between: as a labelled mesh shows it."""
+    topology = part.topology
+    corner = 0
+    at = [k for k, c in enumerate(topology.chains) if corner in (c.start, c.end)]
+    moved = at[0]  # the front lower edge now starts at the second corner
+    second = len(topology.corners)
+    chain = topology.chains[moved]
+    extra = topology.corners[corner] + gap * np.array([0.3, 0.2, 0.9])
+    chains = list(topology.chains)
+    chains[moved] = replace(chain, start=second)
+    # the short chain lies between the front wall and the left wall
+    points = np.linspace(topology.corners[corner], extra, 4)
+    front, left = chain.left, topology.chains[at[-1]].left
+    chains.append(Chain(points, front, left, corner, second))
+    short = len(chains) - 1
+    regions = []
+    for number, region in enumerate(topology.regions):
+        loops = [list(loop) for loop in region.loops]
+        for loop in loops:
+            for k, step in enumerate(loop):
+                if number == front and step == (moved, 1):
+                    loop.insert(k, (short, 1))
+                    break
+        regions.append(replace(region, loops=tuple(tuple(loop) for loop in loops)))
+    corners = np.vstack([topology.corners, extra])
+    return replace(topology, regions=tuple(regions), chains=tuple(chains), corners=corners)
+
+
+def test_a_torn_corner_is_mended() -> None:
+    part = parts.box()
+    realised = realise(_with_torn_corner(part, 0.008), part.fitted)
+    assert realised.edges[-1] is None
+    assert realised.clusters[-1] == realised.clusters[0]
+    assert realised.corners[-1] == pytest.approx(part.topology.corners[0], abs=1e-9)
+
+
+def test_a_short_real_edge_is_kept() -> None:
+    size = (30.0, 20.0, 0.5)  # the wall is 1.4 % of the diagonal high
+    part = parts.box(size)
+    assert all(edge is not None for edge in realise(part.topology, part.fitted).edges)
+
+
+def _chain(angle: float) -> np.ndarray:
+    return np.column_stack(
+        [np.full(20, 0.1 * np.sin(angle)), np.linspace(0, 0.3, 20), np.full(20, 0.1 * np.cos(angle))]
+    )
+
+
+def test_crossing_touching_resting() -> None:
+    cylinder = Side(Cylinder(Y, np.zeros(3), 0.1), 1)
+    assert meeting(Side(Plane(X, 0.05), 1), cylinder, _chain(np.pi / 6)) == "crossing"
+    assert meeting(Side(Plane(Z, 0.1), 1), cylinder, _chain(np.radians(5))) == "touching"
+    shallow = Side(Plane(Z, 0.1 * np.cos(np.radians(13))), 1)  # cuts a thin slice off
+    assert meeting(shallow, cylinder, _chain(np.radians(13))) == "crossing"
+    assert meeting(cylinder, cylinder, _chain(0.3)) == "resting"
+    draft = Side(Plane(np.array([np.sin(0.1), 0.0, np.cos(0.1)]), 0.1), 1)
+    assert (
+        meeting(Side(Plane(Z, 0.1), 1), draft, np.outer(np.linspace(0, 0.3, 20), Y) + 0.1 * Z) == "crossing"
+    )

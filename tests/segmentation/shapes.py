@@ -1,0 +1,36 @@
+"""Labelled clouds of simple solids, sampled in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def box(size: tuple[float, float, float], count: int, seed: int = 0) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Points (n, 3), outward normals (n, 3), face number (n,) on a box around 0."""
+    rng = np.random.default_rng(seed)
+    extent = np.array(size) / 2
+    area = np.repeat([extent[1] * extent[2], extent[0] * extent[2], extent[0] * extent[1]], 2)
+    face = rng.choice(6, count, p=area / area.sum())
+    points = rng.uniform(-1, 1, (count, 3)) * extent
+    normals = np.zeros((count, 3))
+    axis, side = face // 2, np.where(face % 2, 1.0, -1.0)
+    points[np.arange(count), axis] = side * extent[axis]
+    normals[np.arange(count), axis] = side
+    return points, normals, face
+
+
+def drum(radius: float, height: float, count: int, seed: int = 0) -> tuple[Array, Array, NDArray[np.int64]]:
+    """A cylinder (0) with a lid (1) and a bottom (2)."""
+    rng = np.random.default_rng(seed)
+    area = np.array([2 * height, radius, radius])
+    face = rng.choice(3, count, p=area / area.sum())
+    angle = rng.uniform(0, 2 * np.pi, count)
+    around = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
+    up = np.array([0.0, 0.0, 1.0])
+    across = np.where(face == 0, radius, radius * np.sqrt(rng.uniform(0, 1, count)))
+    level = np.select([face == 0, face == 1], [rng.uniform(-0.5, 0.5, count) * height, height / 2], -height / 2)
+    normals = np.where((face == 0)[:, None], around, np.where(face == 1, 1.0, -1.0)[:, None] * up)
+    return across[:, None] * around + level[:, None] * up, normals, face

@@ -1,0 +1,111 @@
+"""Segmentation against clouds whose patches are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sed2cad.primitives.base import Patch
+from sed2cad.scan.scan import Frame, Scan
+from sed2cad.segmentation.energy import mean_field
+from sed2cad.segmentation.graph import neighbour_graph
+from sed2cad.segmentation.segment import segment
+from tests.segmentation.shapes import box, drum
+
+Array = NDArray[np.float64]
+
+
+def scan_of(points: Array, normals: Array, noise: float = 0.0) -> Scan:
+    """A scan whose points are in the unit frame already, or nearly."""
+    spacing = float(np.sqrt(4.0 / len(points)) / 2)
+    return Scan(points, normals, None, Frame(np.zeros(3), 1.0), noise, spacing)
+
+
+def labels_of(patches: list[Patch], count: int) -> NDArray[np.int64]:
+    labels = np.full(count, -1)
+    for k, patch in enumerate(patches):
+        labels[patch.indices] = k
+    return labels
+
+
+def agreement(found: NDArray[np.int64], true: NDArray[np.int64]) -> float:
+    """Mean over the true patches of the best intersection over union."""
+    ious = []
+    for t in np.unique(true):
+        inside = true == t
+        ious.append(max((inside & (found == f)).sum() / (inside | (found == f)).sum() for f in np.unique(found)))
+    return float(np.mean(ious))
+
+
+def test_box_has_six_planes() -> None:
+    points, normals, face = box((0.7, 0.5, 0.3), 3000)
+    patches = segment(scan_of(points, normals), None)
+    assert [p.kind for p in patches] == ["plane"] * 6
+    assert agreement(labels_of(patches, 3000), face) > 0.99
+
+
+def test_drum_is_a_cylinder_and_two_planes() -> None:
+    points, normals, face = drum(0.25, 0.6, 3000)
+    patches = segment(scan_of(points, normals), None)
+    assert sorted(p.kind for p in patches) == ["cylinder", "plane", "plane"]
+    assert agreement(labels_of(patches, 3000), face) > 0.99
+
+
+def test_rim_of_a_thin_plate_is_found() -> None:
+    """The four narrow sides of a plate thinner than the distance between its points."""
+    points, normals, face = box((0.7, 0.7, 0.012), 4000)
+    patches = segment(scan_of(points, normals), None)
+    assert len(patches) == 6
+    assert agreement(labels_of(patches, 4000), face) > 0.95
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_rotation_and_order_do_not_matter(seed: int) -> None:
+    points, normals, face = drum(0.25, 0.6, 2000)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    order = np.random.default_rng(seed).permutation(len(points))
+    patches = segment(scan_of(points[order] @ turn.T, normals[order] @ turn.T), None)
+    assert agreement(labels_of(patches, 2000), face[order]) > 0.99
+
+
+def test_noise_is_tolerated() -> None:
+    points, normals, face = box((0.7, 0.5, 0.3), 4000)
+    rng = np.random.default_rng(0)
+    noisy = points + normals * rng.normal(0, 3e-3, (len(points), 1))
+    patches = segment(scan_of(noisy, normals, noise=3e-3), None)
+    assert len(patches) == 6
+    assert agreement(labels_of(patches, 4000), face) > 0.95
+
+
+def test_every_point_is_in_at_most_one_patch() -> None:
+    points, normals, _ = drum(0.25, 0.6, 1500)
+    patches = segment(scan_of(points, normals), None)
+    together = np.concatenate([p.indices for p in patches])
+    assert len(np.unique(together)) == len(together)
+
+
+def test_interior_points_keep_off_the_edges() -> None:
+    points, normals, _ = box((0.7, 0.5, 0.3), 3000)
+    for patch in segment(scan_of(points, normals), None):
+        inner = points[patch.indices[patch.interior]]
+        assert 0 < len(inner) < len(patch.indices)
+
+
+def test_mean_field_finds_the_least_energy_of_a_line() -> None:
+    """Twelve points on a line, one with a wrong opinion: the neighbours overrule it, the border stays."""
+    points = np.column_stack([np.arange(12.0), np.zeros(12), np.zeros(12)])
+    graph = neighbour_graph(points, np.tile([0.0, 0.0, 1.0], (12, 1)), spacing=1.0, k=2)
+    cost = np.zeros((12, 2))
+    cost[:6, 1] = cost[6:, 0] = 1.0
+    cost[3] = [0.5, 0.0]
+    labels = mean_field(cost, graph.adjacency(), smoothness=0.6)
+    assert labels.tolist() == [0] * 6 + [1] * 6
+
+
+def test_graph_does_not_cross_a_thin_wall() -> None:
+    points, normals, _ = box((0.7, 0.7, 0.005), 2000)
+    graph = neighbour_graph(points, normals, spacing=0.01)
+    i, j = graph.pairs.T
+    assert (np.einsum("ij,ij->i", normals[i], normals[j]) > -0.5).all()
