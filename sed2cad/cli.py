@@ -25,7 +25,7 @@ Command = TypeVar("Command", bound=Callable[..., None])
 
 
 class ScanFirst(TyperGroup):
-    """`sed2cad scan.ply` is `sed2cad reconstruct scan.ply`: a first word that is no command starts the main job."""
+    """`sed2cad scan.ply` is `sed2cad reconstruct scan.ply`: so with any first word that is no command."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in OWN_OPTIONS:
@@ -38,7 +38,7 @@ evaluate = typer.Typer(no_args_is_help=True, help="Score the parts of the pipeli
 app.add_typer(evaluate, name="evaluate")
 
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="List all faces; show where an error came from.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="List all faces; trace errors.")]
 
 
 def main() -> None:
@@ -63,7 +63,7 @@ def reported(command: Command) -> Command:
         except Exception as error:
             show_traceback(options)
             sentence = f"{type(error).__name__}: {error}".splitlines()[0].rstrip(".")
-            fail(f"this is a bug in sed2cad, please report it with the scan and the output of -v ({sentence})", 1)
+            fail(f"this is a bug, please report it with the scan and the output of -v ({sentence})", 1)
 
     return run  # type: ignore[return-value]
 
@@ -132,12 +132,12 @@ def root(
 @reported
 def reconstruct_command(
     scan: Annotated[Path, typer.Argument(help="Points or mesh: .ply .stl .obj .xyz .txt .csv .npy .npz")],
-    step: Annotated[Path | None, typer.Option(help="STEP file to write. (default: the scan's name .step)")] = None,
-    report: Annotated[Path | None, typer.Option(help="Model and report to write, as JSON; `vary` reads it.")] = None,
+    step: Annotated[Path | None, typer.Option(help="STEP file to write. (default: SCAN's name.step)")] = None,
+    report: Annotated[Path | None, typer.Option(help="Model and report to write, as JSON.")] = None,
     script: Annotated[Path | None, typer.Option(help="Python script to write, which makes the part.")] = None,
     unit: Annotated[str, typer.Option(metavar="mm|cm|m|in", help="Unit of the scan's coordinates.")] = "mm",
     tolerance: Annotated[
-        float | None, typer.Option(help="Largest distance of the scan from the solid. (default: from its noise)")
+        float | None, typer.Option(help="Largest distance of scan and solid. (default: by the noise)")
     ] = None,
     seed: Annotated[int, typer.Option(help="The same scan and seed give the same solid.")] = 0,
     device: Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="Where the network runs.")] = "auto",
@@ -173,7 +173,7 @@ def reconstruct_command(
 @reported
 def vary_command(
     model: Annotated[Path, typer.Argument(help="The JSON file that --report wrote.")],
-    set_: Annotated[list[str], typer.Option("--set", help="As in cylinder_3.radius=6; may be given several times.")],
+    set_: Annotated[list[str], typer.Option("--set", help="Like cylinder_3.radius=6, once or more often.")],
     step: Annotated[Path, typer.Option(help="STEP file to write.")],
     report: Annotated[Path | None, typer.Option(help="The variant's model to write, as JSON.")] = None,
     quiet: Quiet = False,
@@ -225,7 +225,7 @@ def dataset_command(
 def train_command(
     data: Annotated[Path, typer.Argument(help="Folder that `sed2cad dataset` made.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the run; a run that is there goes on.")],
-    minutes: Annotated[float, typer.Option(help="The learning rate falls to nothing over this time.")] = 125.0,
+    minutes: Annotated[float, typer.Option(help="The learning rate falls to 0 over this time.")] = 125.0,
     wall: Annotated[bool, typer.Option(help="Minutes of the clock, not of the processor.")] = False,
     threads: Annotated[int, typer.Option(min=1)] = 1,
     seed: Annotated[int, typer.Option()] = 0,
@@ -238,7 +238,8 @@ def train_command(
 
     def tell(row: dict[str, float]) -> None:
         if not quiet:
-            print("train      " + ", ".join(f"{k} {v:g}" for k, v in row.items()), file=sys.stderr, flush=True)
+            line = ", ".join(f"{name} {value:g}" for name, value in row.items())
+            print(f"train      {line}", file=sys.stderr, flush=True)
 
     best = train(TrainSettings(minutes=minutes, wall=wall, threads=threads, seed=seed), data, out, tell)
     if not quiet:
@@ -249,9 +250,9 @@ def train_command(
 @reported
 def segmentation_command(
     data: Annotated[Path, typer.Argument(help="Folder that `sed2cad dataset` made.")],
-    weights: Annotated[Path | None, typer.Option(help="Weights to score. (default: the shipped ones)")] = None,
+    weights: Annotated[Path | None, typer.Option(help="Weights to score. (default: those shipped)")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Only the first of the parts.")] = None,
-    noise: Annotated[float, typer.Option(min=0, help="Noise to add, in radii of the part: the paper's is 0.04.")] = 0.0,
+    noise: Annotated[float, typer.Option(min=0, help="Noise in radii of the part; the paper's: 0.04.")] = 0.0,
     verbose: Verbose = False,
 ) -> None:
     """Score the network's labels and patches: the paper's metrics and the strict ones."""
@@ -296,7 +297,7 @@ def require_writable(outputs: dict[str, Path | None], source: Path) -> None:
             with tempfile.TemporaryFile(dir=path.parent):
                 pass
         except OSError as error:
-            raise UsageError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
+            raise UsageError(f"{path}: cannot be written ({error.strerror}); choose another name") from error
 
 
 def require_folder(folder: Path) -> None:
@@ -316,7 +317,8 @@ def print_summary(model: CadModel, step: Path, seconds: float, verbose: bool) ->
     """What was made, on stdout; warnings go to stderr."""
     report, unit = model.report, model.unit
     state = "closed solid" if report.closed else "open shell"
-    print(f"{step}: {state}, {report.faces} faces, {report.exact_faces} of them exact ({report.rung})")
+    exact = "all exact" if report.exact_faces == report.faces else f"{report.exact_faces} exact"
+    print(f"{step}: {state}, {report.faces} faces, {exact} ({report.rung})")
     off = report.deviation
     if off.rms == off.rms:
         print(f"deviation from the scan: rms {off.rms:.3g}, p95 {off.p95:.3g}, max {off.max:.3g} {unit}")

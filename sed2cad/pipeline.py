@@ -11,6 +11,7 @@ from pathlib import Path
 
 from sed2cad.assembly import assemble
 from sed2cad.brep.worker import warm_up
+from sed2cad.errors import UsageError
 from sed2cad.fitting import fit_patches
 from sed2cad.model import CadModel
 from sed2cad.network.predict import PointLabels, predict
@@ -66,7 +67,14 @@ def reconstruct(
 
 def label(scan: Scan, settings: Settings) -> PointLabels:
     """What the shipped network says about the points."""
-    return predict(scan.points, scan.normals, load_weights(), settings.seed, settings.device)
+    import torch
+
+    device = settings.device
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    elif device == "cuda" and not torch.cuda.is_available():
+        raise UsageError("there is no CUDA device here; use --device cpu")
+    return predict(scan.points, scan.normals, load_weights(), settings.seed, device)
 
 
 def count_kinds(fitted: Iterable[FittedPatch]) -> str:

@@ -16,7 +16,7 @@ class Settings:
     """Options of `reconstruct`; UsageError for values that make no sense."""
 
     seed: int = 0
-    tolerance: float | None = None  # largest distance of a scan point from the solid, in `unit`; None: from the noise
+    tolerance: float | None = None  # largest distance of scan and solid, in `unit`; None: from the noise
     device: str = "auto"  # where the network runs: "auto", "cpu", "cuda"
     unit: str = "mm"  # of the scan's coordinates: "mm", "cm", "m", "in"
     attempt_seconds: float = 60.0  # for one attempt to build the solid; the CAD kernel hangs now and then

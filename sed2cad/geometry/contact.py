@@ -15,6 +15,9 @@ from sed2cad.primitives.vectors import unit
 # them: next to a free-form surface, or between two faces of one surface, a chain rests where the mesh has it.
 Meeting = Literal["crossing", "touching", "resting"]
 
+SHALLOW = np.radians(15.0)  # wider angles between the normals always cross
+LEVEL = np.radians(3.0)  # narrower ones never cross
+_REACH = 0.04  # unit frame: how far sideways the place where the normals agree may lie
 _STEP = 1e-5  # unit frame: for differences of normals
 
 
@@ -69,3 +72,30 @@ def angles(a: Side, b: Side, points: Array) -> Array:
     """Angles (n,) between the outward normals at the foot points of points (n, 3), radians."""
     one, other = (side.outward(side.primitive.project(points)) for side in (a, b))
     return np.arccos(np.clip(np.einsum("ij,ij->i", one, other), -1.0, 1.0))
+
+
+def angle_along(a: Side, b: Side, points: Array) -> float:
+    """The median angle between the outward normals along the middle of chain points (n, 3), radians."""
+    return float(np.median(angles(a, b, middle(points))))
+
+
+def middle(points: Array) -> Array:
+    """Chain points (n, 3) without the ends, where other surfaces come in."""
+    trim = len(points) // 6 if len(points) > 8 else 0
+    return points[trim : len(points) - trim]
+
+
+def touches(a: Side, b: Side, points: Array) -> bool:
+    """Whether a and b may be tangent along the chain points (n, 3), rather than crossing at a shallow angle.
+
+    Tangent surfaces have a place near by where their normals agree; a plane and a draft face of 5 degrees
+    do not.
+    """
+    if a.primitive is b.primitive:
+        return True
+    angle = angle_along(a, b, points)
+    if angle > SHALLOW or angle < LEVEL:
+        return angle < LEVEL
+    if a.free or b.free:
+        return True
+    return angle < _REACH * float(np.median(relative_curvature(a, b, middle(points)).curvature))

@@ -5,12 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from sed2cad.geometry.chains import onto_both
-from sed2cad.geometry.contact import Meeting, Side, angles, relative_curvature
+from sed2cad.geometry.contact import (
+    LEVEL,
+    Meeting,
+    Side,
+    angle_along,
+    middle,
+    relative_curvature,
+    touches,
+)
 from sed2cad.geometry.curves import Array
 
-_SHALLOW = np.radians(15.0)  # wider angles between the normals always cross
-_LEVEL = np.radians(3.0)  # narrower ones never cross
-_REACH = 0.04  # unit frame: how far sideways the place where the normals agree may lie
+_FLAT = 1.0  # 1 / unit: surfaces that part more slowly than this do not say where they touch
 _GAP = 2e-4  # unit frame: surfaces that touch come this near to each other, give or take the fit
 _PROBES = 12  # chain points that are tried both ways
 
@@ -18,22 +24,16 @@ _PROBES = 12  # chain points that are tried both ways
 def meeting(a: Side, b: Side, points: Array) -> Meeting:
     """How a and b meet along the chain points (n, 3).
 
-    Tangent surfaces have a place near by where their normals agree and the surfaces meet; a plane and a draft
-    face of 5 degrees do not, nor does a plane that cuts a shallow slice off a cylinder.
+    Tangent surfaces meet where their normals agree; a plane that cuts a shallow slice off a cylinder does
+    not.
     """
-    if a.primitive is b.primitive:
-        return "resting"
-    trim = len(points) // 6 if len(points) > 8 else 0
-    middle = points[trim : len(points) - trim]
-    angle = float(np.median(angles(a, b, middle)))
-    if angle > _SHALLOW:
+    if not touches(a, b, points):
         return "crossing"
-    if a.free or b.free:
+    if a.primitive is b.primitive or a.free or b.free:
         return "resting"
-    curvature = float(np.median(relative_curvature(a, b, middle).curvature))
-    if angle > _REACH * curvature:
-        return "crossing" if angle > _LEVEL else "resting"
-    return "crossing" if angle > _LEVEL and _cuts(a, b, middle) else "touching"
+    if np.median(relative_curvature(a, b, middle(points)).curvature) < _FLAT:
+        return "resting"
+    return "crossing" if angle_along(a, b, points) > LEVEL and _cuts(a, b, middle(points)) else "touching"
 
 
 def _cuts(a: Side, b: Side, points: Array) -> bool:

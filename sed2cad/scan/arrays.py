@@ -59,5 +59,5 @@ def _table(array: NDArray, what: str, name: str) -> Array:
 
 def _damaged(path: Path) -> ScanError:
     return ScanError(
-        f"{path.name}: this is no complete NumPy file of plain numbers; save it again with numpy.save or savez"
+        f"{path.name}: this is no complete NumPy file of plain numbers; save it again with numpy.save"
     )

@@ -29,17 +29,18 @@ def clean_points(raw: RawScan) -> tuple[Array, Array | None]:
     points = raw.points[finite]
     normals = None if raw.normals is None else raw.normals[finite]
     if len(points) < FEWEST:
-        raise ScanError(f"{raw.name}: only {len(points)} points; a scan needs at least {FEWEST}, scan the part denser")
+        raise ScanError(f"{raw.name}: only {len(points)} points, a scan needs {FEWEST}; scan the part denser")
     order = np.lexsort(points.T)
     new = np.r_[True, (np.diff(points[order], axis=0) != 0).any(axis=1)]
     first = order[new]
     if len(first) < FEWEST:
         raise ScanError(
-            f"{raw.name}: only {len(first)} of its {len(points)} points are distinct; a scan needs at least {FEWEST}, "
+            f"{raw.name}: only {len(first)} of its {len(points)} points are distinct, a scan needs {FEWEST}; "
             "export it again"
         )
     if len(first) < len(points):
-        warnings.warn(f"{raw.name}: {len(points) - len(first)} duplicate points removed", ScanWarning, stacklevel=3)
+        removed = len(points) - len(first)
+        warnings.warn(f"{raw.name}: {removed} duplicate points removed", ScanWarning, stacklevel=3)
     require_depth(points[first], raw.name)
     return points[first], None if normals is None else normals[first]
 
@@ -61,16 +62,16 @@ def require_depth(points: Array, name: str, least: float = 0.0) -> None:
     axes = np.linalg.eigh(centred.T @ centred)[1]
     width = np.ptp(centred @ axes, axis=0)  # thinnest direction first
     limit = max(FLAT * float(np.linalg.norm(width)), least)
-    for extent, shape in ((width[2], "in one place"), (width[1], "on one line"), (width[0], "on one plane")):
+    for extent, shape in zip(width[::-1], ("in one place", "on one line", "on one plane")):
         if extent <= limit:
-            raise ScanError(f"{name}: all points lie {shape}; that bounds no solid, scan the part from all sides")
+            raise ScanError(f"{name}: all points lie {shape}; scan the part from all sides")
 
 
 def _finite(raw: RawScan) -> NDArray[np.bool_]:
-    finite = np.isfinite(raw.points).all(axis=1)
-    bad, count = int((~finite).sum()), len(finite)
+    finite = np.asarray(np.isfinite(raw.points).all(axis=1))
+    bad, count = int((~finite).sum()), len(raw.points)
     if bad > MOST_BAD * count:
-        raise ScanError(f"{raw.name}: {bad} of {count} points are NaN or infinite; export the scan without them")
+        raise ScanError(f"{raw.name}: {bad} of {count} points are NaN or infinite; export it without them")
     if bad:
         warnings.warn(f"{raw.name}: {bad} points with NaN or infinity dropped", ScanWarning, stacklevel=4)
     return finite

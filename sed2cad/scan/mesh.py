@@ -15,7 +15,7 @@ TOLERANCE = 1e-5
 
 
 def weld(mesh: Mesh) -> Mesh:
-    """Corners at one place made one vertex; degenerate and duplicate triangles and unused vertices dropped."""
+    """Corners at one place made one vertex; degenerate and duplicate triangles, unused vertices dropped."""
     places, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
     exact = _tidy(places, number.ravel()[mesh.faces])
     if is_closed(exact):
@@ -93,13 +93,14 @@ def _open_edges(mesh: Mesh) -> int:
 
 
 def _neighbours(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs (m, 2) of triangles that share an edge with no third, and 1 where they are wound alike, else -1."""
+    """Pairs (m, 2) of triangles that share an edge with no third; 1 where they are wound alike, else -1."""
     key, upward, face = _half_edges(mesh)
     order = np.argsort(key, kind="stable")
     key, upward, face = key[order], upward[order], face[order]
     starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     twice = starts[np.diff(np.r_[starts, len(key)]) == 2]
-    return np.column_stack([face[twice], face[twice + 1]]), np.where(upward[twice] != upward[twice + 1], 1, -1)
+    alike = upward[twice] != upward[twice + 1]
+    return np.column_stack([face[twice], face[twice + 1]]), np.where(alike, 1, -1)
 
 
 def _alike(f: int, pairs: NDArray, same: NDArray, part: NDArray) -> NDArray[np.int64]:
@@ -125,6 +126,7 @@ def _inside(point: Array, body: Mesh, other: Mesh) -> bool:
         return False
     a, b, c = (other.vertices[other.faces[:, k]] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    dot = lambda u, v: np.einsum("ij,ij->i", u, v)  # noqa: E731
-    angle = np.arctan2(dot(a, np.cross(b, c)), la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb)
+    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+    angle = np.arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb)
     return abs(float(angle.sum())) > np.pi

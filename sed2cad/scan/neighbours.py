@@ -10,7 +10,7 @@ from sed2cad.scan.scan import Array
 
 
 def spatial_order(points: Array) -> NDArray[np.int64]:
-    """A permutation (n,) that puts near points near each other: searches then stay in cache, twice as fast."""
+    """A permutation (n,) that puts near points near each other: searches stay in cache, twice as fast."""
     return cKDTree(points, compact_nodes=False).indices.astype(np.int64)
 
 

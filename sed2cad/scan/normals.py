@@ -11,7 +11,7 @@ from sed2cad.scan.neighbours import search_tree
 from sed2cad.scan.scan import Array
 
 SCALES = (8, 16, 32, 64)
-"""Numbers of nearest points (itself included) to which planes are fitted: small for detail, large for noise."""
+"""Nearest points (itself included) to which planes are fitted: few for detail, many against noise."""
 REACH = 16
 """Neighbours whose planes may replace a point's own, and whose normals smooth it."""
 BETTER = 1.5
@@ -101,7 +101,8 @@ def _fit(points: Array, index: NDArray) -> _Planes:
     centres = local.mean(axis=1)
     local -= centres[:, None]
     variances, axes = np.linalg.eigh(local.transpose(0, 2, 1) @ local / k)
-    return _Planes(axes[:, :, 0].copy(), centres, np.maximum(variances[:, 0], 0) * k / (k - 3), k * variances[:, 1])
+    residual = np.maximum(variances[:, 0], 0) * k / (k - 3)
+    return _Planes(axes[:, :, 0].copy(), centres, residual, k * variances[:, 1])
 
 
 def _smoothed(normals: Array, near: NDArray) -> Array:

@@ -18,7 +18,7 @@ EVIDENCE = 0.02
 WEIGHT = 0.1
 """Of a vote against the agreement of a point with one neighbour."""
 SHEET = 0.15
-"""Parallel neighbours that lie higher above the tangent plane than this (sine) are probably on another sheet."""
+"""Parallel neighbours higher above the tangent plane than this (sine) are probably on another sheet."""
 ROUNDS = 150
 """Of conjugate gradients: how many neighbours away a vote is heard."""
 

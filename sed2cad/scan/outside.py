@@ -31,7 +31,8 @@ def outward_votes(points: Array, normals: Array, sixth: Array) -> Array:
     sixth: the distances (n,) to the sixth neighbour. 0 where both sides look alike.
     """
     low, size = points.min(axis=0), np.ptp(points, axis=0)
-    side = max(CELL * float(np.quantile(sixth, 0.9)), (size.prod() / MOST_CELLS) ** (1 / 3), size.max() / 1000)
+    coarsest = max((size.prod() / MOST_CELLS) ** (1 / 3), size.max() / 1000)
+    side = max(CELL * float(np.quantile(sixth, 0.9)), coarsest)
     low = low - 8 * side
     shape = tuple(int(n) for n in np.ceil(size / side) + 16)
     openness = _openness(np.floor((points - low) / side).astype(np.int64), shape)

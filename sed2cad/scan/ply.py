@@ -95,7 +95,7 @@ def _columns(columns: dict[str, NDArray], names: tuple[str, ...]) -> Array | Non
 def _header(data: bytes, name: str) -> tuple[str, list[Element], int]:
     """Encoding, elements and where the body starts."""
     if data[:3] != b"ply":
-        raise ScanError(f"{name}: this is not a PLY file (it does not begin with 'ply'); export the scan again")
+        raise ScanError(f"{name}: this is not a PLY file (it does not begin with 'ply'); export it again")
     end = data.find(b"end_header")
     start = data.find(b"\n", end) + 1
     if end < 0 or start == 0:
@@ -112,7 +112,7 @@ def _header(data: bytes, name: str) -> tuple[str, list[Element], int]:
                     last = elements[-1]
                     elements[-1] = Element(last.name, last.rows, (*last.properties, _property(words)))
         except (ValueError, KeyError, IndexError) as error:
-            raise ScanError(f"{name}: cannot read the PLY header line {line!r}; export the scan again") from error
+            raise ScanError(f"{name}: cannot read the header line {line!r}; export the scan again") from error
     if encoding not in ENCODINGS:
         raise ScanError(f"{name}: unknown PLY format {encoding!r}; export as ascii or binary_little_endian")
     return encoding, elements, start
@@ -139,7 +139,7 @@ class _Body:
         try:
             return np.array(text.split() or [], dtype=np.float64).tobytes()
         except ValueError as error:
-            raise ScanError(f"{self.name}: a row holds a word instead of a number; export the scan again") from error
+            raise ScanError(f"{self.name}: a row holds a word, not a number; export it again") from error
 
     def table(self, element: Element) -> Table:
         """All rows at once when they have one layout (lists of the same length), row by row otherwise."""
@@ -197,8 +197,8 @@ class _Body:
         amount = f"{missing // 8} numbers" if self.ascii else f"{missing} bytes"
         least = "at least " if any(p.count for p in element.properties) else ""
         return ScanError(
-            f"{self.name}: the file is cut short, {least}{amount} of its {element.rows} {element.name} rows are "
-            "missing; copy or export it again"
+            f"{self.name}: the file is cut short, {least}{amount} of its {element.rows} {element.name} rows "
+            "are missing; copy or export it again"
         )
 
 

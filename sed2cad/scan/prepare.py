@@ -76,7 +76,7 @@ def _estimated(points: Array, sixth: Array) -> Array:
 
 
 def _outward(points: Array, normals: Array, sixth: Array, whole: bool = False) -> Array:
-    """The given unit normals (n, 3), turned where they point inwards: all of them, or each (unless `whole`)."""
+    """The given unit normals (n, 3), turned where they point inwards: all, or each (unless `whole`)."""
     votes = outward_votes(points, normals, sixth)
     strong = np.abs(votes) > STRONG
     if strong.mean() < EVIDENCE:

@@ -44,6 +44,6 @@ def _corner_normals(mesh: Mesh, part: NDArray) -> Array:
     corners = mesh.faces * np.int64(part.max() + 1) + part[:, None]
     number = np.unique(corners, return_inverse=True)[1].ravel()
     weighted = np.repeat(normals * area[:, None], 3, axis=0)
-    total = np.column_stack([np.bincount(number, weighted[:, a]) for a in range(3)])
+    total: Array = np.column_stack([np.bincount(number, weighted[:, a]) for a in range(3)])
     total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
     return total[number].reshape(-1, 3, 3)

@@ -46,7 +46,7 @@ def _ascii(data: bytes, name: str) -> Array:
     try:
         corners = np.array(VERTEX.findall(data), dtype=np.float64)
     except ValueError as error:
-        raise ScanError(f"{name}: a vertex holds a word instead of a number; export the mesh again") from error
+        raise ScanError(f"{name}: a vertex holds a word, not a number; export the mesh again") from error
     if not len(corners) or len(corners) % 3 or b"endsolid" not in data[-2000:].lower():
         triangles = len(corners) // 3
         raise ScanError(f"{name}: the file is cut short after {triangles} triangles; copy or export it again")

@@ -14,7 +14,7 @@ from sed2cad.scan.scan import Array
 COMMENT = re.compile(r"(#|//|%).*")
 NORMAL_NAMES = ("nx", "ny", "nz")
 UNIT_LENGTH = (0.9, 1.1)
-"""Three columns after the coordinates are normals when most rows have about length 1, and colours otherwise."""
+"""Three columns after the coordinates are normals when most rows have about length 1, else colours."""
 
 
 def read_text(path: Path) -> RawScan:

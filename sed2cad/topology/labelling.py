@@ -55,7 +55,8 @@ def data_costs(mesh: Mesh, scan: Scan, fitted: Sequence[FittedPatch], labels: La
     for label, patch in enumerate(fitted):
         at = np.flatnonzero((around == label).any(axis=1))
         votes = (around[at, :_VOTERS] == label).mean(axis=1)
-        distance = np.abs(patch.primitive.distance(centres[at])) / (unit + patch.rms)
+        corners = np.abs(patch.primitive.distance(mesh.vertices[mesh.faces[at]].reshape(-1, 3)))
+        distance = corners.reshape(-1, 3).mean(axis=1) / (unit + patch.rms)
         cosine = patch.sign * np.einsum("ij,ij->i", patch.primitive.normal(centres[at]), normals[at])
         costs[at, label] = np.minimum(distance, 4.0) + 3 * (1 - cosine) + 1.5 * (1 - votes)
     return costs

@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array
-from sed2cad.topology.samples import Labels, Mask, Samples, crossing, on_surfaces
+from sed2cad.topology.edges import Meetings, joined
+from sed2cad.topology.samples import Labels, Mask, Samples, on_surfaces
 
 _REACH = 4.5  # spacings: walls thicker than this need no help
 _NEIGHBOURS = 32
@@ -130,13 +131,7 @@ def _edge_feet(
     """The edge samples in `use` moved onto the two primitives of the edge they face."""
     sample, other = facing.sample[use], facing.other[use]
     start, sides = edges.points[sample], edges.labels[other]
-    points, normals = start.copy(), np.zeros((len(start), 2, 3))
-    left = np.full(len(start), np.inf)
-    for a, b in np.unique(sides, axis=0):
-        at = np.flatnonzero((sides[:, 0] == a) & (sides[:, 1] == b))
-        points[at], left[at] = crossing(fitted[a].primitive, fitted[b].primitive, start[at])
-        for k, label in enumerate((a, b)):
-            normals[at, k] = fitted[label].sign * fitted[label].primitive.normal(points[at])
-    near = np.linalg.norm(points - edges.points[other], axis=1) < 1.5 * spacing
-    good = (left < 0.01 * spacing) & near & (np.linalg.norm(points - start, axis=1) < _REACH * spacing)
-    return Samples(points, sides, normals, edges.convex[other])[good]
+    size = np.full(len(start), _REACH * spacing)
+    feet, kept = joined(Meetings(start, sides, size, edges.convex[other]), fitted, spacing)
+    near = np.linalg.norm(feet.points - edges.points[other[kept]], axis=1) < 1.5 * spacing
+    return feet[near]

@@ -12,6 +12,7 @@ from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.carve import carved
+from sed2cad.topology.edges import surface_samples
 from sed2cad.topology.manifold import (
     bodies,
     euler_number,
@@ -23,7 +24,7 @@ from sed2cad.topology.manifold import (
     used,
 )
 from sed2cad.topology.mirror import mirrored
-from sed2cad.topology.samples import Samples, surface_samples, thinned
+from sed2cad.topology.samples import Samples, thinned
 
 _GOOD = 0.01  # share of badly met points that no further attempt would improve much
 _MOST_SAMPLES = 25_000

@@ -1,4 +1,4 @@
-"""Clean samples of the surface: the scan's points on their primitives, and points on the edges between them."""
+"""Clean samples of the surface: the scan's points, moved onto the primitives of the patches they belong to."""
 
 from __future__ import annotations
 
@@ -9,17 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sed2cad.primitives.base import FittedPatch, Primitive
+from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Scan
 
 Labels = NDArray[np.int64]
-Pairs = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 UNLABELLED = -1
 _NEIGHBOURS = 12
-_REACH = 4.0  # spacings: longer pairs of points are not neighbours
-_FLAT_EDGE = np.radians(10.0)  # surfaces that meet at a smaller angle have no edge to sample
 
 
 @dataclass(frozen=True)
@@ -106,69 +103,8 @@ def face_samples(scan: Scan, fitted: Sequence[FittedPatch], labels: Labels) -> S
     return Samples.within_faces(feet, labels, normals)[use]
 
 
-def neighbour_pairs(points: Array, longest: float) -> Pairs:
-    """Pairs (m, 2), i < j, of points (n, 3) that are near neighbours and at most `longest` apart."""
-    _, found = cKDTree(points).query(points, k=_NEIGHBOURS + 1, distance_upper_bound=longest)
-    first, rank = np.nonzero(found < len(points))
-    pairs = np.sort(np.column_stack([first, found[first, rank]]), axis=1)
-    return np.asarray(np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0), dtype=np.int64)
-
-
-def crossing(a: Primitive, b: Primitive, points: Array, turns: int = 5) -> tuple[Array, Array]:
-    """Points (n, 3) moved onto both primitives by least-norm Newton steps, and the distance (n,) that is left."""
-    found = points.copy()
-    for _ in range(turns):
-        da, db, na, nb = a.distance(found), b.distance(found), a.normal(found), b.normal(found)
-        cosine = np.einsum("ij,ij->i", na, nb)
-        determinant = np.maximum(1 - cosine**2, 1e-3)
-        along_a, along_b = (da - cosine * db) / determinant, (db - cosine * da) / determinant
-        found = found - along_a[:, None] * na - along_b[:, None] * nb
-    return found, np.maximum(np.abs(a.distance(found)), np.abs(b.distance(found)))
-
-
-def edge_samples(faces: Samples, fitted: Sequence[FittedPatch], spacing: float, cell: float) -> Samples:
-    """Points where two patches meet, found from neighbouring points of the two; one in each cell of that size."""
-    pairs = neighbour_pairs(faces.points, _REACH * spacing)
-    sides = faces.labels[pairs, 0]
-    pairs = np.where((sides[:, 0] > sides[:, 1])[:, None], pairs[:, ::-1], pairs)
-    sides = faces.labels[pairs, 0]
-    two = (sides[:, 0] != sides[:, 1]) & (sides[:, 0] >= 0)
-    pairs, sides = pairs[two], sides[two]
-    ends = faces.points[pairs]
-    points, normals = ends.mean(axis=1), np.zeros((len(pairs), 2, 3))
-    good = np.zeros(len(pairs), dtype=bool)
-    for a, b in np.unique(sides, axis=0):
-        at = np.flatnonzero((sides[:, 0] == a) & (sides[:, 1] == b))
-        points[at], left = crossing(fitted[a].primitive, fitted[b].primitive, points[at])
-        for k, label in enumerate((a, b)):
-            normals[at, k] = fitted[label].sign * fitted[label].primitive.normal(points[at])
-        good[at] = left < 0.01 * spacing
-    size = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    good &= np.einsum("ij,ij->i", normals[:, 0], normals[:, 1]) < np.cos(_FLAT_EDGE)
-    good &= np.linalg.norm(points - ends.mean(axis=1), axis=1) < np.maximum(size, 0.5 * spacing)
-    good[good] &= _owned(points[good], sides[good], faces)
-    rise = np.einsum("ij,ij->i", ends[:, 1] - ends[:, 0], normals[:, 0] - normals[:, 1])
-    return thinned(Samples(points, sides, normals, rise < 0)[good], cell)
-
-
-def _owned(points: Array, sides: Labels, faces: Samples) -> Mask:
-    """Whether the sample nearest to each of points (n, 3) carries one of its labels (n, 2)."""
-    _, nearest = cKDTree(faces.points).query(points)
-    return np.asarray((faces.labels[nearest, :1] == sides).any(axis=1))
-
-
 def thinned(samples: Samples, cell: float) -> Samples:
     """One sample of each pair of labels in each cubic cell."""
     key = np.column_stack([np.floor(samples.points / cell).astype(np.int64), samples.labels])
     _, first = np.unique(key, axis=0, return_index=True)
     return samples[first]
-
-
-def surface_samples(scan: Scan, fitted: Sequence[FittedPatch]) -> Samples:
-    """Face samples and edge samples; face samples close to an edge give way to it."""
-    faces = face_samples(scan, fitted, settled_labels(scan, fitted))
-    edges = edge_samples(faces, fitted, scan.spacing, scan.spacing)
-    if len(edges) == 0:
-        return faces
-    distance, _ = cKDTree(edges.points).query(faces.points)
-    return faces[distance > 0.5 * scan.spacing] + edges

@@ -1,0 +1,197 @@
+"""Samples on the edges between patches, sharp or tangent: where two surfaces meet between neighbouring points.
+
+Narrow strips (chamfers, fillets) often have too few points to touch themselves everywhere. Where the edge that
+two patches would have lies cut off behind a strip between them, the strip's two edges are sampled instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sed2cad.geometry.contact import Side
+from sed2cad.primitives.base import FittedPatch
+from sed2cad.scan.scan import Array, Scan
+from sed2cad.topology.meet import meeting
+from sed2cad.topology.samples import Labels, Mask, Samples, face_samples, settled_labels, thinned
+
+_NEIGHBOURS = 12
+_REACH = 4.0  # spacings: longer pairs of points are not neighbours
+_CELL = 1.0  # spacings: of the samples along an edge
+_CLOSE = 0.5  # spacings: face samples this close to an edge give way to it
+_STRIP_REACH = 8.0  # spacings: gaps in a strip are bridged up to twice this
+_GAP = 10.0  # spacings: the longest gap in an edge that is filled
+_WIDE = 1.8  # spacings: the shortest
+_ROUNDS = 3  # each halves the gaps
+_CUT_OFF = 0.1  # spacings: how far behind a strip an edge must lie
+
+
+@dataclass(frozen=True)
+class Meetings:
+    """Places where two patches seem to meet."""
+
+    points: Array  # (m, 3) between a point of the one and a point of the other
+    sides: Labels  # (m, 2) the patches, ascending
+    size: Array  # (m,) how far the two points are apart
+    convex: Mask  # (m,)
+
+    def __getitem__(self, at: Mask | Labels) -> Meetings:
+        return Meetings(self.points[at], self.sides[at], self.size[at], self.convex[at])
+
+
+def surface_samples(scan: Scan, fitted: Sequence[FittedPatch]) -> Samples:
+    """Face samples and edge samples of the scan; face samples close to an edge give way to it."""
+    faces = face_samples(scan, fitted, settled_labels(scan, fitted))
+    edges = edge_samples(faces, fitted, scan.spacing)
+    if len(edges) == 0:
+        return faces
+    distance, _ = cKDTree(edges.points).query(faces.points)
+    return faces[distance > _CLOSE * scan.spacing] + edges
+
+
+def edge_samples(faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Samples:
+    """Samples of all edges, about a spacing apart."""
+    found = meetings(faces, spacing)
+    if len(found.points) == 0:
+        return faces[:0]
+    edges, kept = joined(found, fitted, spacing)
+    owned = _owned(edges, faces)
+    edges, found = edges[owned], found[kept][owned]
+    strip = strips_between(edges, faces, fitted, spacing)
+    cut = strip >= 0
+    bridged = _bridged(edges[cut], strip[cut], found[cut], fitted, spacing)
+    edges = thinned(edges[~cut] + bridged, _CELL * spacing)
+    for _ in range(_ROUNDS):
+        edges = edges + _in_gaps(edges, faces, fitted, spacing)
+    return edges
+
+
+def _in_gaps(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Samples:
+    """Samples half way between those of one edge that are far apart, unless other patches are nearer there."""
+    _, group = np.unique(edges.labels, axis=0, return_inverse=True)
+    apart = np.column_stack([edges.points, 10.0 * group.reshape(-1)])  # groups never mix
+    tree = cKDTree(apart)
+    distance, near = tree.query(apart, k=4, distance_upper_bound=_GAP * spacing)
+    first, rank = np.nonzero(np.isfinite(distance) & (distance > _WIDE * spacing))
+    second = near[first, rank]
+    first, second, size = first[first < second], second[first < second], distance[first, rank][first < second]
+    middle = (edges.points[first] + edges.points[second]) / 2
+    alone, _ = tree.query(np.column_stack([middle, apart[first, 3]]))
+    open_ = alone > 0.45 * size
+    first, middle, size = first[open_], middle[open_], size[open_]
+    places = Meetings(middle, edges.labels[first], 0.35 * size, edges.convex[first])
+    added, _ = joined(places, fitted, spacing)
+    return added[_owned(added, faces)] if len(added) else added
+
+
+def meetings(faces: Samples, spacing: float) -> Meetings:
+    """The middles between neighbouring face samples (n) of different patches, one in each cell of half a spacing."""
+    _, near = cKDTree(faces.points).query(
+        faces.points, k=_NEIGHBOURS + 1, distance_upper_bound=_REACH * spacing
+    )
+    first, rank = np.nonzero(near < len(faces))
+    pairs = np.column_stack([first, near[first, rank]])
+    sides = faces.labels[pairs, 0]
+    use = (sides[:, 0] >= 0) & (sides[:, 0] < sides[:, 1])
+    reverse = (sides[:, 1] >= 0) & (sides[:, 1] < sides[:, 0])
+    pairs = np.vstack([pairs[use], pairs[reverse, ::-1]])
+    sides = faces.labels[pairs, 0]
+    ends, normals = faces.points[pairs], faces.normals[pairs, 0]
+    across = ends[:, 1] - ends[:, 0]
+    rise = np.einsum("ij,ij->i", across, normals[:, 0] - normals[:, 1])
+    key = np.column_stack([np.floor(ends.mean(axis=1) / (0.5 * spacing)).astype(np.int64), sides])
+    _, one = np.unique(key, axis=0, return_index=True)
+    return Meetings(ends.mean(axis=1), sides, np.linalg.norm(across, axis=1), rise < 0)[one]
+
+
+def joined(found: Meetings, fitted: Sequence[FittedPatch], spacing: float) -> tuple[Samples, Labels]:
+    """The meetings moved onto both their surfaces, and which (k,) of them got there without going far."""
+    points, good = found.points.copy(), np.zeros(len(found.points), dtype=bool)
+    normals = np.zeros((len(points), 2, 3))
+    for a, b in np.unique(found.sides, axis=0):
+        at = np.flatnonzero((found.sides[:, 0] == a) & (found.sides[:, 1] == b))
+        one, two = Side.of(fitted[a]), Side.of(fitted[b])
+        points[at], missed = meeting(one, two, found.points[at], spacing)
+        normals[at] = np.stack([one.outward(points[at]), two.outward(points[at])], axis=1)
+        moved = np.linalg.norm(points[at] - found.points[at], axis=1)
+        good[at] = (moved < np.maximum(found.size[at], 0.5 * spacing)) & (missed < 0.05 * spacing)
+    kept = np.flatnonzero(good & np.isfinite(points).all(axis=1))
+    return Samples(points[kept], found.sides[kept], normals[kept], found.convex[kept]), kept
+
+
+def _owned(edges: Samples, faces: Samples) -> Mask:
+    """Whether the face sample nearest to each edge sample (n,) is of one of its patches."""
+    _, nearest = cKDTree(faces.points).query(edges.points)
+    return np.asarray((faces.labels[nearest, :1] == edges.labels).any(axis=1))
+
+
+def strips_between(
+    edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float
+) -> Labels:
+    """The patch (n,) that cuts each edge sample off, or -1: its normal is between those of the edge's patches."""
+    strip = np.full(len(edges), -1, dtype=np.int64)
+    pairs = {(int(a), int(b)) for a, b in np.unique(edges.labels, axis=0)}
+    beside: dict[int, set[int]] = {}
+    for a, b in pairs:
+        beside.setdefault(a, set()).add(b)
+        beside.setdefault(b, set()).add(a)
+    for a, b in pairs:
+        at = np.flatnonzero((edges.labels[:, 0] == a) & (edges.labels[:, 1] == b))
+        for c in beside[a] & beside[b]:
+            cut = _cut_off(edges[at], int(c), faces, fitted, spacing)
+            strip[at[cut]] = c
+    return strip
+
+
+def _cut_off(
+    edges: Samples, strip: int, faces: Samples, fitted: Sequence[FittedPatch], spacing: float
+) -> Mask:
+    """Which samples of one edge (n,) lie behind the strip, with points of it near and none of the faces there."""
+    side = Side.of(fitted[strip])
+    own = faces.points[faces.labels[:, 0] == strip]
+    if len(own) == 0:
+        return np.zeros(len(edges), dtype=bool)
+    direction = np.where(edges.convex, 1.0, -1.0)
+    behind = direction * side.sign * side.primitive.distance(edges.points)
+    distance, _ = cKDTree(own).query(edges.points)
+    cut = (behind > _CUT_OFF * spacing) & (behind < _REACH * spacing) & (distance < _STRIP_REACH * spacing)
+    cut &= _is_between(side.outward(side.primitive.project(edges.points)), edges.normals)
+    return np.asarray(cut & ~_contradicted(edges, side, direction, faces, spacing))
+
+
+def _contradicted(edges: Samples, strip: Side, direction: Array, faces: Samples, spacing: float) -> Mask:
+    """Whether points of the edge's own patches lie behind the strip near an edge sample (n,): it is not cut off."""
+    _, near = cKDTree(faces.points).query(edges.points, k=min(8, len(faces)))
+    here = (faces.labels[near, :1] == edges.labels[:, None, :]).any(axis=2).ravel()
+    points, two = faces.points[near.ravel()], np.repeat(edges.normals, near.shape[1], axis=0)
+    behind = np.repeat(direction, near.shape[1]) * strip.sign * strip.primitive.distance(points)
+    within = _is_between(strip.outward(strip.primitive.project(points)), two)
+    against = here & within & (behind > 1.5 * _CUT_OFF * spacing)
+    return np.asarray(against.reshape(near.shape).any(axis=1))
+
+
+def _is_between(normal: Array, two: Array) -> Mask:
+    """Whether normals (n, 3) are about in the plane of the `two` (n, 2, 3), on the shorter way between them."""
+    a, b = two[:, 0], two[:, 1]
+    cosine = np.einsum("ij,ij->i", a, b)
+    with_a, with_b = np.einsum("ij,ij->i", normal, a), np.einsum("ij,ij->i", normal, b)
+    part_a, part_b = with_a - cosine * with_b, with_b - cosine * with_a
+    across = np.cross(a, b)
+    sine = np.maximum(np.linalg.norm(across, axis=1), 1e-9)
+    off = np.abs(np.einsum("ij,ij->i", normal, across)) / sine
+    return np.asarray((sine > 0.2) & (part_a > 0.05 * sine) & (part_b > 0.05 * sine) & (off < 0.35))
+
+
+def _bridged(
+    edges: Samples, strip: Labels, found: Meetings, fitted: Sequence[FittedPatch], spacing: float
+) -> Samples:
+    """The two edges of the strips in front of the edges (n)."""
+    if len(edges) == 0:
+        return edges
+    points, size = np.tile(edges.points, (2, 1)), np.tile(found.size, 2) + 2 * spacing
+    sides = np.sort(np.column_stack([edges.labels.T.ravel(), np.tile(strip, 2)]), axis=1)
+    samples, _ = joined(Meetings(points, sides, size, np.tile(edges.convex, 2)), fitted, spacing)
+    return samples
