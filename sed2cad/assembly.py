@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sed2cad.brep.attempt import AssemblyResult, Attempt, FacetedAttempt, Options
+from sed2cad.brep.attempt import AssemblyResult, Attempt, FacetedAttempt, Options, nowhere
 from sed2cad.brep.attempt import assemble as exact_solid
 from sed2cad.brep.attempt import assemble_faceted as faceted_solid
 from sed2cad.brep.gate import Limits
@@ -71,14 +71,15 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
     failures: list[str] = []
     proxy: Mesh | None = None
     for rung in LADDER:
-        traced = trace(scan, fitted, rung.smoothness)
+        traced = trace(scan, fitted, rung.smoothness, proxy)
         proxy = traced.proxy
         patches, constraints = list(traced.fitted), []
         if rung.regular:
             patches, constraints = regularize(patches, scan.points, traced.topology)
         done("trace", f"{len(traced.topology.regions)} faces, {len(traced.topology.chains)} edges, "
                       f"{len(constraints)} constraints")
-        attempt = Attempt(traced.topology, tuple(patches), scan.frame, scan.points, options)
+        surface = np.vstack([scan.points, proxy.vertices])
+        attempt = Attempt(traced.topology, tuple(patches), scan.frame, scan.points, options, surface)
         outcome = run_isolated(exact_solid, attempt, settings.attempt_seconds)
         reason = _fault(outcome)
         done("assemble", f"{rung.name}: {reason or 'closed'}")
@@ -111,7 +112,7 @@ def _facets(
 def reassemble(frame: Frame, fitted: Sequence[FittedPatch], topology: Topology) -> AssemblyResult:
     """The same faces, edges and corners on changed surfaces. AssemblyError when that fails."""
     unknown = replace(topology, volume=math.nan)
-    attempt = Attempt(unknown, tuple(fitted), frame, np.zeros((0, 3)), Options())
+    attempt = Attempt(unknown, tuple(fitted), frame, nowhere())
     outcome = run_isolated(exact_solid, attempt, Settings().attempt_seconds)
     if isinstance(outcome, Failure):
         raise AssemblyError(outcome.sentence)

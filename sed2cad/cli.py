@@ -293,6 +293,8 @@ def require_writable(outputs: dict[str, Path | None], source: Path) -> None:
         if path.resolve() in seen:
             raise UsageError(f"{path}: {option} would overwrite {seen[path.resolve()]}; choose another name")
         seen[path.resolve()] = f"the output of {option}"
+        if not path.parent.is_dir():
+            raise UsageError(f"{path}: there is no folder {path.parent}; make it or choose another name")
         try:
             with tempfile.TemporaryFile(dir=path.parent):
                 pass

@@ -37,6 +37,11 @@ class Options:
     merge_facets: bool = True  # whether coplanar triangles become one face
 
 
+def nowhere() -> Array:
+    """No points (0, 3): what is not to be judged."""
+    return np.zeros((0, 3))
+
+
 @dataclass(frozen=True)
 class Attempt:
     """Everything an attempt needs. Unit frame."""
@@ -46,6 +51,7 @@ class Attempt:
     frame: Frame
     points: Array  # (n, 3): a sample of the scan to judge by; none: the distance is not judged
     options: Options = field(default_factory=Options)
+    surface: Array = field(default_factory=nowhere)  # (m, 3): scan and proxy, near which the solid must be
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,7 @@ def assemble(attempt: Attempt) -> AssemblyResult:
     AssemblyError where a face is open or nothing can be built.
     """
     topology, frame = attempt.topology, attempt.frame
-    draft = Draft(topology, realise(topology, attempt.fitted), attempt.fitted)
+    draft = Draft(realise(topology, attempt.fitted), attempt.fitted)
     layout = place(draft).in_world(frame)
     hollow = cavities(layout, [region.area for region in topology.regions])
     bodies = build_bodies(layout)
@@ -120,7 +126,9 @@ def _judged(attempt: Attempt, joined: Joined, variant: Variant) -> AssemblyResul
         attempt.fitted[k].primitive.scaled(frame.scale, frame.origin) if k >= 0 else None for k in numbers
     ]
     volume = topology.volume * frame.scale**3
-    expected = Expected(joined.solids, volume, _judges(attempt.points, frame), frame.scale)
+    expected = Expected(
+        joined.solids, volume, _judges(attempt.points, frame), frame.to_world(attempt.surface), frame.scale
+    )
     checked = check(joined.shape, world, expected, attempt.options.limits)
     reports = _reports(joined, numbers, world, checked)
     return AssemblyResult(to_bytes(joined.shape), reports, checked.result, variant)
@@ -132,7 +140,7 @@ def assemble_faceted(attempt: FacetedAttempt) -> AssemblyResult:
     mesh = Mesh(frame.to_world(attempt.mesh.vertices), attempt.mesh.faces)
     joined = join(faceted_bodies(mesh, frame.scale, attempt.options.merge_facets))
     nothing: list[Primitive | None] = [None] * len(joined.regions)
-    expected = Expected(joined.solids, mesh.volume(), _judges(attempt.points, frame), frame.scale)
+    expected = Expected(joined.solids, mesh.volume(), _judges(attempt.points, frame), nowhere(), frame.scale)
     checked = check(joined.shape, nothing, expected, attempt.options.limits)
     reports = _reports(joined, [-1] * len(nothing), nothing, checked)
     return AssemblyResult(to_bytes(joined.shape), reports, checked.result, "facets")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from OCP.TopoDS import TopoDS_Shape
@@ -27,6 +27,7 @@ class Limits:
     volume: float = 0.05  # relative difference from the proxy's volume
     distance: float = 0.01  # of the diagonal: a point this near to the solid is explained
     coverage: float = 0.98  # share of the points that must be explained
+    stray: float = 0.03  # of the diagonal: nothing of the solid may be farther from the scan and its proxy
     tolerance: float = 0.01  # of the diagonal: largest tolerance of an edge or vertex
 
 
@@ -37,6 +38,7 @@ class Expected:
     bodies: int
     volume: float  # of the proxy mesh; NaN: unknown, not checked
     points: Array  # (n, 3); none: not checked
+    surface: Array  # (m, 3) of the scan and its proxy, near which all of the solid lies; none: not checked
     diagonal: float
 
 
@@ -55,6 +57,7 @@ class GateResult:
     rms: float  # of the points' distances
     p95: float
     max: float
+    stray: float  # largest distance of the solid from the scan and its proxy
     max_tolerance: float
     step_valid: bool  # still valid after writing and reading the STEP file
 
@@ -82,41 +85,35 @@ def check(
     measured = None
     if sound and len(expected.points):
         measured = deviations(shape, primitives, expected.points, _DEFLECTION * expected.diagonal)
-    near = math.nan
+    stray = near = math.nan
+    spread = (math.nan,) * 3
     if measured is not None:
         near = float((measured.distances <= limits.distance * expected.diagonal).mean())
-    reason = _first_fault(count, closed, valid, ratio, near, tolerance / expected.diagonal, expected, limits)
+        spread = (measured.rms, measured.p95, measured.max)
+        stray = measured.stray(expected.surface) if len(expected.surface) else math.nan
+    found = GateResult(False, "", count, closed, valid, size, ratio, near, *spread, stray, tolerance, False)
+    reason = _first_fault(found, expected, limits)
     survives = not reason and _survives_step(shape)
     if not reason and not survives:
         reason = "it is no longer valid after writing and reading the STEP file"
-    spread = (measured.rms, measured.p95, measured.max) if measured is not None else (math.nan,) * 3
-    result = GateResult(
-        not reason, reason, count, closed, valid, size, ratio, near, *spread, tolerance, survives
-    )
-    return Checked(result, measured)
+    return Checked(replace(found, passed=not reason, reason=reason, step_valid=survives), measured)
 
 
-def _first_fault(
-    count: int,
-    closed: bool,
-    valid: bool,
-    ratio: float,
-    near: float,
-    tolerance: float,
-    expected: Expected,
-    limits: Limits,
-) -> str:
+def _first_fault(found: GateResult, expected: Expected, limits: Limits) -> str:
     """The first thing that is wrong; NaN stands for what cannot be checked."""
-    if count != expected.bodies:
-        return f"{count} solids instead of {expected.bodies}"
-    if not closed:
+    if found.solids != expected.bodies:
+        return f"{found.solids} solids instead of {expected.bodies}"
+    if not found.closed:
         return "the shell is not closed"
-    if not valid:
+    if not found.valid:
         return "the CAD kernel finds it invalid"
-    if abs(ratio - 1) > limits.volume:
-        return f"its volume is {100 * (ratio - 1):+.1f} % off the scan's"
-    if near < limits.coverage:
-        return f"only {100 * near:.1f} % of the points lie on it"
+    if abs(found.volume_ratio - 1) > limits.volume:
+        return f"its volume is {100 * (found.volume_ratio - 1):+.1f} % off the scan's"
+    if found.coverage < limits.coverage:
+        return f"only {100 * found.coverage:.1f} % of the points lie on it"
+    stray, tolerance = found.stray / expected.diagonal, found.max_tolerance / expected.diagonal
+    if stray > limits.stray:
+        return f"a face reaches {100 * stray:.0f} % of the part's size beyond the scan"
     if tolerance > limits.tolerance:
         return f"an edge is {100 * tolerance:.1f} % of the part's size away from its faces"
     return ""

@@ -20,6 +20,7 @@ from sed2cad.primitives.base import Primitive
 
 _ANGLE = 0.3  # radians between neighbouring triangles
 _BLUR = 3.0  # deflections between a face and its triangles: the kernel takes its limit loosely
+_SPREAD = 8_000  # points on the solid
 _PAIRS = 200_000  # point-triangle pairs looked at in one go
 
 
@@ -43,6 +44,12 @@ class Deviations:
 
     distances: Array  # (n,)
     faces: NDArray[np.int64]  # (n,): number of the face among the shape's faces
+    mesh: Triangles  # the tessellated solid
+
+    def stray(self, surface: Array) -> float:
+        """Largest distance of the solid from the nearest of the points (m, 3), but for its farthest 0.1 %."""
+        distances, _ = cKDTree(surface).query(spread_over(self.mesh, _SPREAD))
+        return float(np.quantile(distances, 0.999))
 
     @property
     def rms(self) -> float:
@@ -110,7 +117,18 @@ def deviations(
         exact = np.abs(primitive.distance(points[mine]))
         inside = np.abs(distances[mine] - exact) < _BLUR * deflection
         distances[mine] = np.where(inside, exact, distances[mine])
-    return Deviations(distances, owner)
+    return Deviations(distances, owner, mesh)
+
+
+def spread_over(mesh: Triangles, count: int) -> Array:
+    """Points (count, 3) spread evenly over the triangles, always the same ones."""
+    rng = np.random.default_rng(0)
+    a, b, c = mesh.corners()
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    pick = rng.choice(len(area), count, p=area / area.sum())
+    u, v = rng.random((2, count, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    return np.asarray(a[pick] + u * (b - a)[pick] + v * (c - a)[pick])
 
 
 def nearest_triangles(points: Array, mesh: Triangles) -> tuple[Array, NDArray[np.int64]]:

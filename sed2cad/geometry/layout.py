@@ -11,7 +11,6 @@ from sed2cad.geometry.curves import Arc, Array, Circle, Interpolated
 from sed2cad.geometry.realise import Realised
 from sed2cad.primitives.base import FittedPatch, Primitive
 from sed2cad.scan.scan import Frame
-from sed2cad.topology.model import Topology
 
 Loop = tuple[tuple[int, int], ...]  # (edge, +1 | -1), the face on the left
 
@@ -88,7 +87,8 @@ class Layout:
 class Draft:
     """A layout in the making: edges can be started and cut while the seams are placed."""
 
-    def __init__(self, topology: Topology, realised: Realised, fitted: Sequence[FittedPatch]) -> None:
+    def __init__(self, realised: Realised, fitted: Sequence[FittedPatch]) -> None:
+        topology = realised.topology
         self.topology = topology
         self.fitted = fitted
         self.vertices: list[Array] = list(realised.corners)

@@ -15,6 +15,7 @@ from sed2cad.geometry.intersections import exact_intersections
 from sed2cad.geometry.meeting import meeting
 from sed2cad.geometry.merging import CornerClusters
 from sed2cad.geometry.recognise import recognise
+from sed2cad.geometry.untangle import untangled
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.topology.model import Chain, Topology
 
@@ -37,6 +38,7 @@ class EdgeGeometry:
 class Realised:
     """The exact geometry of a topology, unit frame."""
 
+    topology: Topology  # the given one with its impossible corners mended
     corners: Array  # (c, 3): where each corner went
     clusters: NDArray[np.int64]  # (c,): corners of the same number have become one
     corner_residuals: Array  # (c,): largest distance of each corner from its surfaces
@@ -46,8 +48,9 @@ class Realised:
 def realise(topology: Topology, fitted: Sequence[FittedPatch]) -> Realised:
     """Move every corner onto all of its surfaces and every chain onto both of its own."""
     sides = [Side.of(patch) for patch in fitted]
+    topology = untangled(topology, sides, _meetings(topology, sides))
     pairs = [_sides_of(topology, sides, chain) for chain in topology.chains]
-    meetings = [meeting(a, b, chain.points) for (a, b), chain in zip(pairs, topology.chains)]
+    meetings = _meetings(topology, sides)
     clusters = CornerClusters(topology, sides, meetings)
     clusters.contract()
     labels = clusters.labels()
@@ -57,7 +60,12 @@ def realise(topology: Topology, fitted: Sequence[FittedPatch]) -> Realised:
         for chain, (a, b), how, alive in zip(topology.chains, pairs, meetings, clusters.alive)
     ]
     residuals = np.array([clusters.solved[c].residual for c in labels])
-    return Realised(corners, labels, residuals, tuple(edges))
+    return Realised(topology, corners, labels, residuals, tuple(edges))
+
+
+def _meetings(topology: Topology, sides: Sequence[Side]) -> list[Meeting]:
+    """How the surfaces of each chain meet."""
+    return [meeting(*_sides_of(topology, sides, chain), chain.points) for chain in topology.chains]
 
 
 def _sides_of(topology: Topology, sides: Sequence[Side], chain: Chain) -> tuple[Side, Side]:

@@ -57,10 +57,13 @@ def clean_mesh(raw: RawScan, mesh: Mesh) -> Mesh:
 
 
 def require_depth(points: Array, name: str, least: float = 0.0) -> None:
-    """ScanError when the points (n, 3) are thinner than `least`, or than FLAT times their diagonal."""
+    """ScanError when the points (n, 3) are thinner than `least`, or than FLAT times their diagonal.
+
+    Thickness is that of an even slab with the same standard deviation, which single outliers change little.
+    """
     centred = points - points.mean(axis=0)
-    axes = np.linalg.eigh(centred.T @ centred)[1]
-    width = np.ptp(centred @ axes, axis=0)  # thinnest direction first
+    axes = np.linalg.svd(centred, full_matrices=False)[2][::-1]  # thinnest direction first
+    width = (centred @ axes.T).std(axis=0) * np.sqrt(12)
     limit = max(FLAT * float(np.linalg.norm(width)), least)
     for extent, shape in zip(width[::-1], ("in one place", "on one line", "on one plane")):
         if extent <= limit:

@@ -39,11 +39,22 @@ def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array
 
 
 def _corner_normals(mesh: Mesh, part: NDArray) -> Array:
-    """Unit normals (f, 3, 3) at the corners: means over the triangles of the same part, weighted by area."""
+    """Unit normals (f, 3, 3) at the corners: means over the triangles of the same part.
+
+    Weighted by area (a large plane beside a fillet keeps its normal) and by the angle at the corner (however a
+    quadrangle is cut into triangles, it counts the same).
+    """
     normals, area = mesh.face_normals()
     corners = mesh.faces * np.int64(part.max() + 1) + part[:, None]
     number = np.unique(corners, return_inverse=True)[1].ravel()
-    weighted = np.repeat(normals * area[:, None], 3, axis=0)
+    weighted = (normals[:, None] * (area[:, None] * _angles(mesh))[:, :, None]).reshape(-1, 3)
     total: Array = np.column_stack([np.bincount(number, weighted[:, a]) for a in range(3)])
     total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
     return total[number].reshape(-1, 3, 3)
+
+
+def _angles(mesh: Mesh) -> Array:
+    """Angles (f, 3) at the corners of the triangles, in radians."""
+    corners = mesh.vertices[mesh.faces]
+    ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    return np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), (ahead * back).sum(axis=2))

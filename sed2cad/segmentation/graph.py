@@ -13,6 +13,9 @@ from scipy.spatial import cKDTree
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
+CREASE = 0.25  # radians: normals of neighbours that differ by more have an edge between them
+FACING = -0.5  # cosine of the normals below which two points lie on two sides of a wall
+
 
 @dataclass(frozen=True)
 class Graph:
@@ -43,18 +46,30 @@ class Graph:
 
 
 def neighbour_graph(
-    points: Array, normals: Array, spacing: float, k: int = 10, crease: float = 0.25, turn: float = 8.0
+    points: Array, normals: Array, spacing: float, tolerance: float, k: int = 10, turn: float = 8.0
 ) -> Graph:
     """Join each point to its k nearest in (x, turn * spacing * n): a point of a narrow rim finds its neighbours along
-    the rim, not on the large faces beside it. Pairs across a crease (normals apart by more than `crease` radians or so)
-    get a small weight, opposed normals (the two sides of a thin wall) none at all."""
+    the rim, not on the large faces beside it.
+
+    Pairs across a crease or a step higher than the tolerance get a small weight, opposed normals (the two sides of
+    a thin wall) none at all.
+    """
     place = np.hstack([points, turn * spacing * normals])
     near = cKDTree(place).query(place, k=k + 1)[1][:, 1:]
     i = np.repeat(np.arange(len(points)), near.shape[1])
     low, high = np.minimum(i, near.ravel()), np.maximum(i, near.ravel())
     pairs = np.unique(np.column_stack([low, high])[low != high], axis=0)
     cosine = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
-    facing = cosine > -0.5
-    pairs, cosine = pairs[facing], cosine[facing]
+    pairs, cosine = pairs[cosine > FACING], cosine[cosine > FACING]
     angle = np.arccos(np.clip(cosine, -1, 1))
-    return Graph(pairs.astype(np.int64), 0.1 + 0.9 * np.exp(-0.5 * (angle / crease) ** 2), place, spacing)
+    step = np.maximum(_step(points, normals, pairs, angle) - 2 * tolerance, 0) / (3 * tolerance)
+    weights = 0.1 + 0.9 * np.exp(-0.5 * ((angle / CREASE) ** 2 + step**2))
+    return Graph(pairs.astype(np.int64), weights, place, spacing)
+
+
+def _step(points: Array, normals: Array, pairs: NDArray[np.int64], angle: Array) -> Array:
+    """How far (m,) the points of a pair lie off each other's tangent planes, beyond what the turn of the normals over
+    their distance explains (a circle's chord is half that turn off its tangent)."""
+    way = points[pairs[:, 1]] - points[pairs[:, 0]]
+    off = np.maximum(*(np.abs(np.einsum("ij,ij->i", way, normals[pairs[:, side]])) for side in (0, 1)))
+    return off - np.linalg.norm(way, axis=1) * angle

@@ -27,13 +27,13 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0) -> list[Patch
     seen = np.random.default_rng(seed).permutation(len(scan.points))[:MOST_POINTS]
     points, normals = scan.points[seen], scan.normals[seen]
     spacing = scan.spacing * np.sqrt(len(scan.points) / len(seen))
-    graph = neighbour_graph(points, normals, spacing)
+    tolerances = Tolerances(distance=max(FLOOR, scan.noise))
+    graph = neighbour_graph(points, normals, spacing, tolerances.distance)
     proposals = [smooth_pieces(graph, weight) for weight in (0.85, 0.5)]
     if labels is not None:
         clusters = mean_shift(labels.descriptors[seen], seed=seed)
         i, j = graph.pairs.T
         proposals.append(_large(graph.components(clusters[i] == clusters[j])))
-    tolerances = Tolerances(distance=max(FLOOR, scan.noise))
     freeform = labels.types[seen, BSPLINE].astype(float) if labels is not None else None
     state = Refiner(points, normals, graph, tolerances, freeform).run(proposals)
     everyone = _spread(scan, seen, state.labels, spacing)

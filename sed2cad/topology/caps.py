@@ -39,14 +39,15 @@ def turns(primitive: Cylinder | Cone, region: Region, chains: Sequence[Chain]) -
 def missing_cap(
     scan: Scan, mesh: Mesh, region: Labels, topology: Topology, fitted: Sequence[FittedPatch]
 ) -> tuple[FittedPatch, Labels] | None:
-    """The first missing cap, as a plane across the axis, and its triangles; None when all regions are closed."""
+    """The first missing cap, as a plane across the axis, and its triangles; None when nothing is missing."""
     for index, face in enumerate(topology.regions):
         primitive = fitted[face.primitive].primitive
         if not isinstance(primitive, Cylinder | Cone) or not face.loops:
             continue
         if abs(turns(primitive, face, topology.chains)) < 0.5:
             continue
-        found = _cap(primitive, mesh, np.flatnonzero(region == index), _loop_height(primitive, face, topology))
+        height = _loop_height(primitive, face, topology)
+        found = _cap(primitive, mesh, np.flatnonzero(region == index), height)
         if found is not None:
             plane, triangles = found
             return _as_patch(plane, triangles, scan, mesh), triangles

@@ -1,7 +1,7 @@
-"""A closed surface through oriented samples: the Delaunay tetrahedra inside the part, chosen by a minimum cut.
+"""A closed surface through oriented samples: which Delaunay tetrahedra are inside, by a minimum cut.
 
-After Labatut, Pons and Keriven 2009; instead of lines of sight the samples' normals say which tetrahedra around
-them are inside. The samples stay where they are, so edges stay sharp and thin walls closed.
+After Labatut, Pons and Keriven 2009; instead of lines of sight the samples' normals say which tetrahedra
+around them are inside. The samples stay where they are, so edges stay sharp and thin walls closed.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import Delaunay
 
 from sed2cad.scan.scan import Array, Mesh
-from sed2cad.topology.manifold import Faces, Index, groups, half_edges, split_fans, twins
+from sed2cad.topology.manifold import Faces, Index, groups, split_fans, twins
 from sed2cad.topology.mincut import min_cut
 from sed2cad.topology.samples import Mask, Samples
 
@@ -36,7 +36,7 @@ class Tetrahedra:
         return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6
 
     def facets(self, tetrahedra: Index, across: Index) -> Faces:
-        """The facets (m, 3) across from corner `across` of tetrahedra (m,), counter-clockwise from outside."""
+        """The facets (m, 3) across from corners `across` of tetrahedra (m,), facing outwards."""
         return np.take_along_axis(self.corners[tetrahedra], _OPPOSITE[across], axis=1)
 
 
@@ -74,7 +74,7 @@ def _inside(tetrahedra: Tetrahedra, samples: Samples, spacing: float, smoothness
 
 
 def _votes(tetrahedra: Tetrahedra, samples: Samples) -> Array:
-    """How strongly the samples around each tetrahedron (t,) say that it is outside (+, at most 4) or inside (-)."""
+    """How strongly the samples around each tetrahedron (t,) call it outside (+, at most 4) or inside (-)."""
     corner = tetrahedra.corners.ravel()
     far = corner >= len(samples)
     corner = np.where(far, 0, corner)
@@ -121,7 +121,7 @@ def boundary(tetrahedra: Tetrahedra, inside: Mask) -> Mesh:
     tetrahedron, corner = np.nonzero(inside[:, None] & ~inside[across] & (across >= 0))
     faces = tetrahedra.facets(tetrahedron, corner)
     twin = twins(faces)
-    for half in np.flatnonzero(twin < 0):
+    for half in np.flatnonzero(twin < 0).tolist():
         twin[half] = _around(tetrahedra, inside, faces, tetrahedron, half)
     return split_fans(tetrahedra.points, faces, twin)
 

@@ -54,7 +54,7 @@ def border_of(mesh: Mesh, region: Labels) -> Border:
 
 
 def cycles(border: Border) -> list[Walk]:
-    """The loops around the regions, each with its region on the left; started at a corner where there is one."""
+    """The loops around the regions, each with its region on the left; started at a corner if there is one."""
     seen: set[int] = set()
     found = []
     for first in border.halves.tolist():
@@ -76,7 +76,7 @@ def pieces(border: Border, cycle: Walk) -> list[Walk]:
 
 
 def build_topology(mesh: Mesh, region: Labels, primitives: Labels) -> Topology:
-    """The topology of the regions (f,) of a closed manifold mesh; primitives (r,): what carries each region."""
+    """The topology of the regions (f,) of a closed manifold mesh; primitives (r,) carry the regions."""
     border = border_of(mesh, region)
     number = np.cumsum(border.corners) - 1  # of each corner vertex
     chains: list[Chain] = []
@@ -102,7 +102,7 @@ def _reverse(border: Border, piece: Walk) -> Walk:
 
 
 def _key(border: Border, piece: Walk) -> int:
-    """What names a piece: its first half-edge, or the least one where it is a whole cycle and starts anywhere."""
+    """What names a piece: its first half-edge; the least one of a whole cycle, which starts anywhere."""
     return piece[0] if border.at_corner(piece[0]) else min(piece)
 
 

@@ -88,7 +88,7 @@ def _in_gaps(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spac
 
 
 def meetings(faces: Samples, spacing: float) -> Meetings:
-    """The middles between neighbouring face samples (n) of different patches, one in each cell of half a spacing."""
+    """The middles between neighbouring face samples of different patches, one in each cell of half a spacing."""
     _, near = cKDTree(faces.points).query(
         faces.points, k=_NEIGHBOURS + 1, distance_upper_bound=_REACH * spacing
     )
@@ -128,46 +128,42 @@ def _owned(edges: Samples, faces: Samples) -> Mask:
     return np.asarray((faces.labels[nearest, :1] == edges.labels).any(axis=1))
 
 
-def strips_between(
-    edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float
-) -> Labels:
-    """The patch (n,) that cuts each edge sample off, or -1: its normal is between those of the edge's patches."""
+def strips_between(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Labels:
+    """The patch (n,) that cuts each edge sample off, or -1: its normal lies between those of the edge."""
     strip = np.full(len(edges), -1, dtype=np.int64)
-    pairs = {(int(a), int(b)) for a, b in np.unique(edges.labels, axis=0)}
     beside: dict[int, set[int]] = {}
-    for a, b in pairs:
+    for a, b in np.unique(edges.labels, axis=0).tolist():
         beside.setdefault(a, set()).add(b)
         beside.setdefault(b, set()).add(a)
-    for a, b in pairs:
-        at = np.flatnonzero((edges.labels[:, 0] == a) & (edges.labels[:, 1] == b))
+    tree = cKDTree(faces.points)
+    for a, b in np.unique(edges.labels, axis=0).tolist():
+        at = np.flatnonzero((edges.labels == (a, b)).all(axis=1))
         for c in beside[a] & beside[b]:
-            cut = _cut_off(edges[at], int(c), faces, fitted, spacing)
-            strip[at[cut]] = c
+            side, own = Side.of(fitted[c]), faces.points[faces.labels[:, 0] == c]
+            behind = at[_behind(edges[at], side, own, spacing)]
+            if len(behind):
+                contradicted = _contradicted(edges[behind], side, faces, tree, spacing)
+                strip[behind[~contradicted]] = c
     return strip
 
 
-def _cut_off(
-    edges: Samples, strip: int, faces: Samples, fitted: Sequence[FittedPatch], spacing: float
-) -> Mask:
-    """Which samples of one edge (n,) lie behind the strip, with points of it near and none of the faces there."""
-    side = Side.of(fitted[strip])
-    own = faces.points[faces.labels[:, 0] == strip]
+def _behind(edges: Samples, strip: Side, own: Array, spacing: float) -> Mask:
+    """Which samples of one edge (n,) lie behind a strip between its patches that has points `own` (m, 3) near."""
     if len(own) == 0:
         return np.zeros(len(edges), dtype=bool)
-    direction = np.where(edges.convex, 1.0, -1.0)
-    behind = direction * side.sign * side.primitive.distance(edges.points)
+    depth = np.where(edges.convex, 1, -1) * strip.sign * strip.primitive.distance(edges.points)
     distance, _ = cKDTree(own).query(edges.points)
-    cut = (behind > _CUT_OFF * spacing) & (behind < _REACH * spacing) & (distance < _STRIP_REACH * spacing)
-    cut &= _is_between(side.outward(side.primitive.project(edges.points)), edges.normals)
-    return np.asarray(cut & ~_contradicted(edges, side, direction, faces, spacing))
+    near = (depth > _CUT_OFF * spacing) & (depth < _REACH * spacing) & (distance < _STRIP_REACH * spacing)
+    return near & _is_between(strip.outward(strip.primitive.project(edges.points)), edges.normals)
 
 
-def _contradicted(edges: Samples, strip: Side, direction: Array, faces: Samples, spacing: float) -> Mask:
-    """Whether points of the edge's own patches lie behind the strip near an edge sample (n,): it is not cut off."""
-    _, near = cKDTree(faces.points).query(edges.points, k=min(8, len(faces)))
+def _contradicted(edges: Samples, strip: Side, faces: Samples, tree: cKDTree, spacing: float) -> Mask:
+    """Whether points of its own patches lie behind the strip near an edge sample (n,): it is not cut off."""
+    _, near = tree.query(edges.points, k=min(8, len(faces)))
     here = (faces.labels[near, :1] == edges.labels[:, None, :]).any(axis=2).ravel()
     points, two = faces.points[near.ravel()], np.repeat(edges.normals, near.shape[1], axis=0)
-    behind = np.repeat(direction, near.shape[1]) * strip.sign * strip.primitive.distance(points)
+    direction = np.repeat(np.where(edges.convex, 1, -1), near.shape[1])
+    behind = direction * strip.sign * strip.primitive.distance(points)
     within = _is_between(strip.outward(strip.primitive.project(points)), two)
     against = here & within & (behind > 1.5 * _CUT_OFF * spacing)
     return np.asarray(against.reshape(near.shape).any(axis=1))

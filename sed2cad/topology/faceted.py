@@ -14,8 +14,8 @@ _LARGEST_CHANGE = 0.05  # of the volume
 def decimate(mesh: Mesh, faces: int = 1500) -> Mesh:
     """The mesh with about `faces` triangles (quadric error, Garland and Heckbert 1997), of the same topology.
 
-    Collapses that would break the manifold are not made. If the result is worse than asked for, more triangles
-    are kept; a mesh that is small already comes back unchanged.
+    Collapses that would break the manifold are not made. If the result is not good enough, more triangles are
+    kept; a mesh that is small already comes back unchanged.
     """
     while faces < len(mesh.faces):
         fewer = _collapsed(mesh, faces)

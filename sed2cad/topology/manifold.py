@@ -46,7 +46,7 @@ def twins(faces: Faces) -> Index:
 
 
 def groups(count: int, pairs: Index) -> tuple[int, Index]:
-    """Connected components of `count` nodes under pairs (m, 2): how many, and the component (count,) of each."""
+    """Connected components of `count` nodes under pairs (m, 2): how many, and which (count,) each is in."""
     ones = np.ones(len(pairs), dtype=np.int8)
     graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     number, component = connected_components(graph, directed=False)

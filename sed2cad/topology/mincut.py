@@ -19,8 +19,8 @@ _LARGEST = 100_000.0  # a cost above this counts as this: sums must stay in 32 b
 def min_cut(if_source: Array, if_sink: Array, pairs: Pairs, forward: Array, backward: Array) -> Mask:
     """Which of n nodes (n,) are on the sink's side of the cheapest cut.
 
-    if_source, if_sink (n,): cost of being on either side. forward (m,): cost of pairs[:, 0] at the source with
-    pairs[:, 1] at the sink; backward (m,): the reverse. All costs >= 0.
+    if_source, if_sink (n,): cost of being on either side. forward (m,): cost of pairs[:, 0] at the source
+    with pairs[:, 1] at the sink; backward (m,): the reverse. All costs >= 0.
     """
     count = len(if_source)
     source, sink, nodes = count, count + 1, np.arange(count)
@@ -49,8 +49,8 @@ def alpha_expansion(
 ) -> Labels:
     """Labels (n,) of low Potts energy.
 
-    costs (n, k): inf where a label is no candidate; pairs (m, 2) with weights (m,) >= 0; starts at the cheapest
-    labels. Each move offers one label to all nodes that may take it; a move that does not gain is dropped.
+    costs (n, k): inf where a label is no candidate; pairs (m, 2) with weights (m,) >= 0; starts at the
+    cheapest labels. Each move offers one label to all nodes that may take it; a move that does not gain is dropped.
     """
     labels = costs.argmin(axis=1).astype(np.int64) if labels is None else labels.copy()
     best = energy(costs, pairs, weights, labels)

@@ -1,8 +1,8 @@
 """Thin walls and narrow slots: the samples of one side, copied to the other.
 
-Where two faces are nearer to each other than their samples are, a Delaunay triangulation joins them across. When
-both carry the same pattern of samples, each triangle's smallest sphere is empty whatever the thickness, and both
-faces appear in the triangulation.
+Where two faces are nearer to each other than their samples are, a Delaunay triangulation joins them across.
+When both carry the same pattern of samples, each triangle's smallest sphere is empty whatever the thickness,
+and both faces appear in the triangulation.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def mirrored(samples: Samples, fitted: Sequence[FittedPatch], spacing: float) ->
 
 
 def facing_pairs(samples: Samples, reach: float) -> Facing:
-    """For every side of every sample the nearest sample of an opposed face within reach, where there is one."""
+    """For every side of every sample the nearest sample of an opposed face within reach, if any."""
     distance, found = cKDTree(samples.points).query(samples.points, k=_NEIGHBOURS, distance_upper_bound=reach)
     found = np.minimum(found, len(samples) - 1)
     parts = []
@@ -70,7 +70,8 @@ def facing_pairs(samples: Samples, reach: float) -> Facing:
         at = np.flatnonzero(use)
         parts.append(Facing(at, np.full(len(at), mine), label[at], other[at]))
     a, b = parts
-    return Facing(*(np.concatenate([getattr(a, n), getattr(b, n)]) for n in ("sample", "side", "label", "other")))
+    names = ("sample", "side", "label", "other")
+    return Facing(*(np.concatenate([getattr(a, name), getattr(b, name)]) for name in names))
 
 
 def _feet(
@@ -88,7 +89,7 @@ def _feet(
 
 
 def _reaches(samples: Samples, feet: Array, labels: Labels, spacing: float) -> Mask:
-    """Whether the face `labels` (m,) goes on to the points `feet` (m, 3): not beyond its edges, not on top of one."""
+    """Whether the faces `labels` (m,) go on to the points `feet` (m, 3): not beyond an edge, not on top of one."""
     good = np.zeros(len(feet), dtype=bool)
     for label in np.unique(labels):
         at = labels == label

@@ -15,7 +15,6 @@ from sed2cad.topology.carve import carved
 from sed2cad.topology.edges import surface_samples
 from sed2cad.topology.manifold import (
     bodies,
-    euler_number,
     groups,
     is_closed_manifold,
     split_edges,
@@ -26,7 +25,8 @@ from sed2cad.topology.manifold import (
 from sed2cad.topology.mirror import mirrored
 from sed2cad.topology.samples import Samples, thinned
 
-_GOOD = 0.01  # share of badly met points that no further attempt would improve much
+_GOOD = 0.02  # share of badly met points that no further attempt would improve much
+_CLEARLY = 0.02  # by which a later attempt must be better
 _MOST_SAMPLES = 25_000
 _MOST_TRIANGLES = 150_000
 _LONGEST_EDGE = 0.03  # unit frame: of the proxy's triangles away from borders
@@ -36,28 +36,29 @@ _POISSON_DEPTH = 8
 def proxy_mesh(scan: Scan, fitted: Sequence[FittedPatch] = ()) -> Mesh:
     """The best proxy of the scan, unit frame. AssemblyError when there is none.
 
-    The input mesh if it is closed; else the carved samples of the fitted surfaces; screened Poisson if those do
-    not explain the points.
+    The input mesh if it is closed; else the carved samples of the fitted surfaces; screened Poisson if those
+    do not explain the points.
     """
     own = closed_input(scan)
     if own is not None:
         return own
-    tried: list[tuple[float, int, Mesh]] = []
+    best: tuple[float, Mesh] | None = None
     for attempt in _attempts(scan, fitted):
         mesh = attempt()
         if mesh is None or not is_closed_manifold(mesh.faces) or mesh.volume() <= 0:
             continue
         quality = proxy_quality(mesh, scan)
-        tried.append((quality, -euler_number(mesh.faces), mesh))
-        if quality < _GOOD:
+        if best is None or quality < best[0] - _CLEARLY:
+            best = quality, mesh
+        if best[0] < _GOOD:
             break
-    if not tried:
+    if best is None:
         raise AssemblyError("No closed surface could be laid through the points of the scan.")
-    return min(tried, key=lambda attempt: attempt[:2])[2]
+    return best[1]
 
 
 def proxy_quality(mesh: Mesh, scan: Scan) -> float:
-    """Share of the points farther than 1.5 spacings (and 4 times the noise) from the mesh or facing the other way."""
+    """Share of the points farther than 1.5 spacings (and 4 times the noise) from the mesh or facing away."""
     squared, triangle, _ = squared_distance(
         scan.points, mesh.vertices, F=mesh.faces.astype(np.int32), use_cpp=True, use_aabb=True
     )

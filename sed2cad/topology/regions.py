@@ -1,4 +1,4 @@
-"""Regions: connected triangles of one label, each with points that support it, and disc-like at every vertex."""
+"""Regions: connected triangles of one label, supported by points, in one sector at every vertex."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def cleaned_labels(mesh: Mesh, near: Adjacency, costs: Array, labels: Labels, su
 
 
 def merge_unsupported(near: Adjacency, costs: Array, labels: Labels, support: Support) -> Labels:
-    """Labels (f,) in which regions with too few points of their own have joined the neighbour that fits best."""
+    """Labels (f,) in which regions with too few points of their own have joined the best neighbour."""
     totals = np.bincount(support.label, minlength=costs.shape[1])
     for _ in range(_PASSES):
         number, region = connected(labels, near)
@@ -122,7 +122,7 @@ def unpinch(mesh: Mesh, costs: Array, labels: Labels, passes: int = 20) -> Label
 
 
 def _flip(costs: Array, labels: Labels, triangles: Labels, mesh: Mesh) -> None:
-    """Give the triangles (few) the cheapest other label among the triangles around their vertices, in place."""
+    """Give the triangles (few) the cheapest other label among their neighbours, in place."""
     for triangle in np.unique(triangles):
         around = np.isin(mesh.faces, mesh.faces[triangle]).sum(axis=1) >= 2
         names = np.unique(labels[around])

@@ -1,4 +1,4 @@
-"""Clean samples of the surface: the scan's points, moved onto the primitives of the patches they belong to."""
+"""Clean samples of the surface: the scan's points, moved onto the primitives of their patches."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def point_labels(count: int, fitted: Sequence[FittedPatch]) -> Labels:
 
 
 def on_surfaces(points: Array, labels: Labels, fitted: Sequence[FittedPatch]) -> tuple[Array, Array]:
-    """Foot points (n, 3) and outward normals (n, 3) on the primitive of each point's label; unlabelled ones stay."""
+    """Foot points and outward normals (n, 3) on the primitive of each label; unlabelled points stay."""
     feet, normals = points.copy(), np.zeros_like(points)
     for label in np.unique(labels[labels >= 0]):
         at = labels == label

@@ -32,11 +32,16 @@ class Traced:
     labels: Labels  # (f,) region of each triangle of the proxy
 
 
-def trace(scan: Scan, fitted: Sequence[FittedPatch], smoothness: float = 1.0) -> Traced:
-    """Regions, chains and corners of the part. AssemblyError when there is no closed proxy or no patch."""
+def trace(
+    scan: Scan, fitted: Sequence[FittedPatch], smoothness: float = 1.0, proxy: Mesh | None = None
+) -> Traced:
+    """Regions, chains and corners of the part. AssemblyError when there is no closed proxy or no patch.
+
+    proxy: that of an earlier trace of the same scan and patches, so that it is not made again.
+    """
     if not any(len(patch.patch.indices) for patch in fitted):
         raise AssemblyError("No surface was found on the scan.")
-    mesh = proxy_mesh(scan, fitted)
+    mesh = proxy or proxy_mesh(scan, fitted)
     points = settled_labels(scan, fitted)
     near = adjacency(mesh)
     costs = data_costs(mesh, scan, fitted, points)
@@ -45,9 +50,7 @@ def trace(scan: Scan, fitted: Sequence[FittedPatch], smoothness: float = 1.0) ->
     return _with_caps(scan, list(fitted), mesh, near, labels)
 
 
-def _with_caps(
-    scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels
-) -> Traced:
+def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels) -> Traced:
     """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
     topology, region = _topology(mesh, near, labels)
     for _ in range(_MOST_CAPS):

@@ -171,6 +171,40 @@ def box(size: tuple[float, float, float] = (30.0, 20.0, 10.0)) -> Part:
     return b.part(sx * sy * sz, 2 * (sx * sy + sy * sz + sx * sz))
 
 
+def hip_roof(ridge: float = 4.0) -> Part:
+    """Four slopes of 45 degrees over a rectangle; their two peaks are joined by a ridge along X.
+
+    Without a ridge it is a pyramid, its peak the last corner.
+    """
+    b = Builder()
+    half, length = 10.0, 10.0 + ridge / 2
+    base = b.face(Plane(-Z, 0.0))
+    outline = [(-length, -half), (length, -half), (length, half), (-length, half)]
+    slope = np.sqrt(0.5)
+    ways = [-Y, X, Y, -X]
+    reach = [half, length, half, length]
+    sides = [b.face(Plane((w + Z) * slope, slope * r)) for w, r in zip(ways, reach)]
+    low = [b.corner(x, y, 0) for x, y in outline]
+    left = b.corner(-ridge / 2, 0, half)
+    right = left if ridge == 0 else b.corner(ridge / 2, 0, half)
+    peaks = [left, right, right, left]
+    rims = [b.line(low[k], low[(k + 1) % 4], sides[k], base) for k in range(4)]
+    hips = [b.line(low[k], peaks[k], sides[k - 1], sides[k]) for k in range(4)]
+    b.loop(base, *[(k, -1) for k in rims[::-1]])
+    top = [b.line(right, left, sides[0], sides[2])] if ridge else []
+    for k in range(4):
+        over = [(c, 1 if k == 0 else -1) for c in top] if k % 2 == 0 else []
+        b.loop(sides[k], (rims[k], 1), (hips[(k + 1) % 4], 1), *over, (hips[k], -1))
+    volume = 2 / 3 * 2 * half * half * half + ridge * half * half
+    floor = 4 * half * length
+    return b.part(volume, floor * (1 + np.sqrt(2)))
+
+
+def pyramid() -> Part:
+    """Four faces in one corner, the last one."""
+    return hip_roof(0.0)
+
+
 def box_with_hole(radius: float = 4.0) -> Part:
     """A round hole straight through, its cylinder looking inwards."""
     b = Builder()
@@ -411,6 +445,8 @@ EXACT: dict[str, Callable[[], Part]] = {
     f.__name__: f
     for f in (
         box,
+        hip_roof,
+        pyramid,
         box_with_hole,
         stepped_shaft,
         filleted_box,

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from sed2cad.geometry.contact import Side
 from sed2cad.geometry.meeting import meeting
 from sed2cad.geometry.realise import realise
+from sed2cad.geometry.web import Web
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
-from sed2cad.topology.model import Chain, Topology
 from tests.geometry import parts
 
 X, Y, Z = np.eye(3)
@@ -49,41 +47,15 @@ def test_edges_start_and_end_at_their_corners() -> None:
         assert last == pytest.approx(realised.corners[chain.end], abs=1e-9)
 
 
-def _with_torn_corner(part: parts.Part, gap: float) -> Topology:
-    """The box with its first corner torn into two, a short chain between: as a labelled mesh shows it."""
-    topology = part.topology
-    corner = 0
-    at = [k for k, c in enumerate(topology.chains) if corner in (c.start, c.end)]
-    moved = at[0]  # the front lower edge now starts at the second corner
-    second = len(topology.corners)
-    chain = topology.chains[moved]
-    extra = topology.corners[corner] + gap * np.array([0.3, 0.2, 0.9])
-    chains = list(topology.chains)
-    chains[moved] = replace(chain, start=second)
-    # the short chain lies between the front wall and the left wall
-    points = np.linspace(topology.corners[corner], extra, 4)
-    front, left = chain.left, topology.chains[at[-1]].left
-    chains.append(Chain(points, front, left, corner, second))
-    short = len(chains) - 1
-    regions = []
-    for number, region in enumerate(topology.regions):
-        loops = [list(loop) for loop in region.loops]
-        for loop in loops:
-            for k, step in enumerate(loop):
-                if number == front and step == (moved, 1):
-                    loop.insert(k, (short, 1))
-                    break
-        regions.append(replace(region, loops=tuple(tuple(loop) for loop in loops)))
-    corners = np.vstack([topology.corners, extra])
-    return replace(topology, regions=tuple(regions), chains=tuple(chains), corners=corners)
-
-
 def test_a_torn_corner_is_mended() -> None:
-    part = parts.box()
-    realised = realise(_with_torn_corner(part, 0.008), part.fitted)
+    part = parts.pyramid()
+    peak = len(part.topology.corners) - 1
+    top = part.topology.corners[peak]
+    torn = Web(part.topology).split(peak, 0, 2, top, top + [0.006, 0.004, -0.003]).topology()
+    realised = realise(torn, part.fitted)
     assert realised.edges[-1] is None
-    assert realised.clusters[-1] == realised.clusters[0]
-    assert realised.corners[-1] == pytest.approx(part.topology.corners[0], abs=1e-9)
+    assert realised.clusters[-1] == realised.clusters[peak]
+    assert realised.corners[-1] == pytest.approx(top, abs=1e-9)
 
 
 def test_a_short_real_edge_is_kept() -> None:

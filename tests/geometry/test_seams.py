@@ -18,7 +18,7 @@ X, Y, Z = np.eye(3)
 
 
 def layout(part: parts.Part) -> Layout:
-    return place(Draft(part.topology, realise(part.topology, part.fitted), part.fitted))
+    return place(Draft(realise(part.topology, part.fitted), part.fitted))
 
 
 def test_all_coaxial_edges_start_on_one_seam() -> None:

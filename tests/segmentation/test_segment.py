@@ -79,6 +79,17 @@ def test_noise_is_tolerated() -> None:
     assert agreement(labels_of(patches, 4000), face) > 0.95
 
 
+def test_a_low_step_separates_parallel_planes() -> None:
+    """A small plateau, one and a half spacings high, on a large plane."""
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-0.4, 0.4, (4000, 2)), np.zeros(4000)])
+    plateau = (np.abs(points[:, :2] - 0.2) < 0.03).all(axis=1)
+    points[plateau, 2] = 0.012
+    patches = segment(scan_of(points, np.tile([0.0, 0.0, 1.0], (4000, 1))), None)
+    assert len(patches) == 2
+    assert agreement(labels_of(patches, 4000), plateau.astype(np.int64)) > 0.99
+
+
 def test_every_point_is_in_at_most_one_patch() -> None:
     points, normals, _ = drum(0.25, 0.6, 1500)
     patches = segment(scan_of(points, normals), None)
@@ -96,7 +107,7 @@ def test_interior_points_keep_off_the_edges() -> None:
 def test_mean_field_finds_the_least_energy_of_a_line() -> None:
     """Twelve points on a line, one with a wrong opinion: the neighbours overrule it, the border stays."""
     points = np.column_stack([np.arange(12.0), np.zeros(12), np.zeros(12)])
-    graph = neighbour_graph(points, np.tile([0.0, 0.0, 1.0], (12, 1)), spacing=1.0, k=2)
+    graph = neighbour_graph(points, np.tile([0.0, 0.0, 1.0], (12, 1)), spacing=1.0, tolerance=0.1, k=2)
     cost = np.zeros((12, 2))
     cost[:6, 1] = cost[6:, 0] = 1.0
     cost[3] = [0.5, 0.0]
@@ -106,6 +117,6 @@ def test_mean_field_finds_the_least_energy_of_a_line() -> None:
 
 def test_graph_does_not_cross_a_thin_wall() -> None:
     points, normals, _ = box((0.7, 0.7, 0.005), 2000)
-    graph = neighbour_graph(points, normals, spacing=0.01)
+    graph = neighbour_graph(points, normals, spacing=0.01, tolerance=3e-4)
     i, j = graph.pairs.T
     assert (np.einsum("ij,ij->i", normals[i], normals[j]) > -0.5).all()

@@ -1,0 +1,133 @@
+"""A topology that can be edited: corners merged and split, loops kept in step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sed2cad.geometry.curves import Array
+from sed2cad.topology.model import Chain, Topology
+
+Ray = tuple[int, int]  # (chain, 0 for its start | 1 for its end): a chain as seen from the corner there
+_REACH = 0.03  # unit frame: how far along a chain its way from the corner is looked at
+
+
+class Web:
+    """Chains, loops and corners of a topology, to be changed step by step. Edits give a new web."""
+
+    def __init__(self, topology: Topology) -> None:
+        self._topology = topology
+        self.chains = list(topology.chains)
+        self.corners = list(topology.corners)
+        self.loops = [[list(loop) for loop in region.loops] for region in topology.regions]
+        self.dead: set[int] = set()
+
+    def copy(self) -> Web:
+        """An independent copy."""
+        other = Web(self._topology)
+        other.chains, other.corners, other.dead = list(self.chains), list(self.corners), set(self.dead)
+        other.loops = [[list(loop) for loop in loops] for loops in self.loops]
+        return other
+
+    def topology(self) -> Topology:
+        """The topology as it is now; contracted chains are gone."""
+        alive = [k for k in range(len(self.chains)) if k not in self.dead]
+        number = {k: n for n, k in enumerate(alive)}
+        regions = tuple(
+            replace(region, loops=tuple(tuple((number[k], w) for k, w in loop) for loop in loops if loop))
+            for region, loops in zip(self._topology.regions, self.loops)
+        )
+        corners = np.array(self.corners).reshape(-1, 3)
+        return Topology(regions, tuple(self.chains[k] for k in alive), corners, self._topology.volume)
+
+    def primitive(self, region: int) -> int:
+        """The surface of a region."""
+        return self._topology.regions[region].primitive
+
+    def corner_of(self, ray: Ray) -> int:
+        """The corner from which a ray starts."""
+        chain = self.chains[ray[0]]
+        return chain.end if ray[1] else chain.start
+
+    def turn(self, corner: int) -> list[tuple[Ray, int]]:
+        """The rays of a corner in order, each with the region between it and the next; [] where they do not close."""
+        following: dict[Ray, tuple[Ray, int]] = {}
+        for region, loops in enumerate(self.loops):
+            for loop in loops:
+                for (k, way), (k2, way2) in zip(loop, loop[1:] + loop[:1]):
+                    arriving, leaving = (k, int(way > 0)), (k2, int(way2 < 0))
+                    if self.corner_of(arriving) == corner:
+                        following[arriving] = leaving, region
+        found: list[tuple[Ray, int]] = []
+        ray = next(iter(following), None)
+        while ray in following and len(found) < len(following):
+            after, region = following[ray]
+            found.append((ray, region))
+            ray = after
+        return found if len({ray for ray, _ in found}) == len(following) else []
+
+    def direction(self, ray: Ray) -> Array:
+        """The way (3,) that a ray takes from its corner."""
+        points = self.chains[ray[0]].points
+        points = points[::-1] if ray[1] else points
+        far = np.flatnonzero(np.linalg.norm(points - points[0], axis=1) > _REACH)
+        way: Array = points[far[0] if len(far) else -1] - points[0]
+        return way
+
+    def contracted(self, k: int) -> Web:
+        """The web without chain k, its ends one corner."""
+        other = self.copy()
+        chain = self.chains[k]
+        other.dead.add(k)
+        other.corners[chain.start] = (self.corners[chain.start] + self.corners[chain.end]) / 2
+        for loops in other.loops:
+            for loop in loops:
+                loop[:] = [step for step in loop if step[0] != k]
+        other._move(chain.end, chain.start, [n for n in range(len(self.chains)) if n != k])
+        return other
+
+    def split(self, corner: int, first: int, second: int, at: Array, away: Array) -> Web:
+        """The web with a corner torn into two, the regions number `first` and `second` of its turn in touch.
+
+        `at` (3,) is the corner of the rays after the first region up to the second, `away` that of the
+        others.
+        """
+        turn = self.turn(corner)
+        other = self.copy()
+        other.corners[corner] = at
+        other.corners.append(away)
+        new = len(other.corners) - 1
+        here = {turn[n % len(turn)][0] for n in range(first + 1, _after(first, second, len(turn)) + 1)}
+        for ray, _ in turn:
+            if ray not in here:
+                k, end = ray
+                chain = other.chains[k]
+                other.chains[k] = replace(chain, end=new) if end else replace(chain, start=new)
+        right, left = turn[first][1], turn[second][1]
+        other.chains.append(Chain(np.linspace(at, away, 4), left, right, corner, new))
+        added = len(other.chains) - 1
+        other._insert(right, turn[first][0], (added, -1))
+        other._insert(left, turn[second][0], (added, 1))
+        return other
+
+    def _insert(self, region: int, arriving: Ray, step: tuple[int, int]) -> None:
+        """Put a step into a region's loop after the step that arrives by a ray."""
+        before = (arriving[0], 1 if arriving[1] else -1)
+        for loop in self.loops[region]:
+            if before in loop:
+                loop.insert(loop.index(before) + 1, step)
+                return
+
+    def _move(self, old: int, new: int, chains: list[int]) -> None:
+        """Let chains that end at one corner end at another."""
+        for k in chains:
+            chain = self.chains[k]
+            if old in (chain.start, chain.end):
+                start, end = (new if c == old else c for c in (chain.start, chain.end))
+                self.chains[k] = replace(chain, start=start, end=end)
+
+
+def _after(first: int, second: int, count: int) -> int:
+    """`second` counted on from `first`."""
+    return second if second > first else second + count

@@ -1,0 +1,88 @@
+"""Corners that a coarse mesh shows wrongly are split or turned over."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sed2cad.geometry.contact import Side
+from sed2cad.geometry.realise import realise
+from sed2cad.geometry.untangle import untangled
+from sed2cad.geometry.web import Web
+from sed2cad.topology.model import Topology
+from tests.geometry import parts
+
+RIDGE = 0.6  # of a roof of 35 diagonal: 1.7 %
+
+
+def roof() -> tuple[parts.Part, int]:
+    """A roof with a short ridge, and the chain that the ridge is."""
+    part = parts.hip_roof(RIDGE)
+    return part, len(part.topology.chains) - 1
+
+
+def mended(part: parts.Part, topology: Topology) -> Topology:
+    return untangled(topology, [Side.of(f) for f in part.fitted], ["crossing"] * len(topology.chains))
+
+
+def ridge_regions(topology: Topology) -> set[int]:
+    """The faces on both sides of the shortest chain."""
+    sizes = [np.linalg.norm(c.points[-1] - c.points[0]) for c in topology.chains]
+    chain = topology.chains[int(np.argmin(sizes))]
+    return {chain.left, chain.right}
+
+
+def test_the_turn_of_a_corner_is_its_faces_in_order() -> None:
+    part = parts.pyramid()
+    turn = Web(part.topology).turn(len(part.topology.corners) - 1)
+    assert sorted(region for _, region in turn) == [1, 2, 3, 4]
+    following = [region for _, region in turn]
+    assert all((b - a) % 4 in (1, 3) for a, b in zip(following, following[1:]))
+
+
+def test_splitting_and_contracting_are_inverse() -> None:
+    part = parts.pyramid()
+    peak = len(part.topology.corners) - 1
+    web = Web(part.topology)
+    split = web.split(peak, 0, 2, np.zeros(3), np.ones(3))
+    assert [len(split.turn(c)) for c in (peak, peak + 1)] == [3, 3]
+    back = split.contracted(len(split.chains) - 1)
+    assert [region for _, region in back.turn(peak)] == [region for _, region in web.turn(peak)]
+    assert [r.loops for r in back.topology().regions] == [r.loops for r in part.topology.regions]
+
+
+def test_a_corner_of_four_faces_that_do_not_meet_gets_its_ridge() -> None:
+    part, ridge = roof()
+    merged = Web(part.topology).contracted(ridge).topology()
+    found = mended(part, merged)
+    assert len(found.chains) == len(part.topology.chains)
+    assert ridge_regions(found) == ridge_regions(part.topology)
+
+
+def test_a_ridge_between_the_wrong_faces_is_turned_over() -> None:
+    part, ridge = roof()
+    merged = Web(part.topology).contracted(ridge)
+    corner = part.topology.chains[ridge].start
+    first = [region for _, region in merged.turn(corner)]
+    wrong = 0 if {first[0], first[2]} != ridge_regions(part.topology) else 1
+    middle = merged.corners[corner]
+    apart = merged.direction(merged.turn(corner)[(wrong + 3) % 4][0]) - merged.direction(
+        merged.turn(corner)[wrong + 1][0]
+    )
+    apart = 0.004 * apart / np.linalg.norm(apart)
+    crossed = merged.split(corner, wrong, wrong + 2, middle - apart, middle + apart).topology()
+    assert ridge_regions(crossed) != ridge_regions(part.topology)
+    assert ridge_regions(mended(part, crossed)) == ridge_regions(part.topology)
+
+
+def test_what_fits_stays() -> None:
+    for part in (parts.pyramid(), parts.box(), parts.hip_roof()):
+        assert mended(part, part.topology).chains == part.topology.chains
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_the_solid_of_a_mended_roof_is_exact(wrong: bool) -> None:
+    part, ridge = roof()
+    merged = Web(part.topology).contracted(ridge).topology()
+    realised = realise(merged if wrong else part.topology, part.fitted)
+    assert all(edge is not None and edge.residual < 1e-9 for edge in realised.edges)

@@ -1,0 +1,117 @@
+"""Meshes: welding, winding, sampling."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sed2cad.errors import ScanError
+from sed2cad.scan.mesh import is_closed, smooth_parts, weld, wound_outwards
+from sed2cad.scan.prepare import prepare
+from sed2cad.scan.raw import RawScan
+from sed2cad.scan.sample import sample_mesh
+from sed2cad.scan.scan import Mesh
+
+CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+CUBE = Mesh(CORNERS, np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))]))
+
+
+def tube(n: int) -> Mesh:
+    """A prism with n sides of radius 1 and height 1: a tessellated cylinder with flat ends."""
+    angle = np.arange(n) * 2 * np.pi / n
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    vertices = np.vstack([np.c_[ring, np.zeros(n)], np.c_[ring, np.ones(n)], [[0, 0, 0], [0, 0, 1]]])
+    i, j = np.arange(n), np.roll(np.arange(n), -1)
+    faces = [(i, j, n + j), (i, n + j, n + i), (j, i, np.full(n, 2 * n)), (n + i, n + j, np.full(n, 2 * n + 1))]
+    return Mesh(vertices, np.vstack([np.column_stack(f) for f in faces]))
+
+
+def soup(mesh: Mesh) -> Mesh:
+    """Every triangle with corners of its own."""
+    return Mesh(mesh.vertices[mesh.faces].reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3))
+
+
+def scaled(mesh: Mesh, scale: float) -> Mesh:
+    return replace(mesh, vertices=scale * mesh.vertices)
+
+
+def together(*meshes: Mesh) -> Mesh:
+    starts = np.cumsum([0] + [len(m.vertices) for m in meshes])
+    return Mesh(np.vstack([m.vertices for m in meshes]),
+                np.vstack([m.faces + s for m, s in zip(meshes, starts)]))
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-6])
+def test_weld(jitter: float) -> None:
+    loose = soup(tube(24))
+    vertices = loose.vertices + np.random.default_rng(0).uniform(-jitter, jitter, loose.vertices.shape)
+    mesh = weld(Mesh(vertices, np.vstack([loose.faces, loose.faces[:5], loose.faces[:4, [0, 0, 1]]])))
+    assert is_closed(mesh)
+    assert len(mesh.vertices) == 50 and len(mesh.faces) == 96
+    assert mesh.volume() == pytest.approx(tube(24).volume(), rel=1e-4)
+
+
+def test_an_open_mesh_stays_open() -> None:
+    mesh = weld(Mesh(CUBE.vertices, CUBE.faces[2:]))
+    assert not is_closed(mesh) and len(mesh.faces) == 10
+
+
+def test_winding() -> None:
+    faces = tube(24).faces.copy()
+    faces[np.random.default_rng(0).random(len(faces)) < 0.4] = 0
+    turned = np.where(faces.any(axis=1)[:, None], tube(24).faces, tube(24).faces[:, ::-1])
+    for mesh in (Mesh(tube(24).vertices, turned), replace(tube(24), faces=tube(24).faces[:, ::-1])):
+        assert wound_outwards(mesh).volume() == pytest.approx(tube(24).volume())
+
+
+def test_a_cavity_is_wound_inwards_and_a_body_in_it_outwards() -> None:
+    nested = together(scaled(CUBE, 3), scaled(CUBE, 2), CUBE)
+    assert wound_outwards(nested).volume() == pytest.approx(8 * (27 - 8 + 1))
+
+
+def test_smooth_parts() -> None:
+    assert smooth_parts(CUBE, 30)[0] == 6
+    assert smooth_parts(tube(24), 30)[0] == 3
+
+
+def test_samples_are_even_and_on_the_mesh() -> None:
+    points, normals = sample_mesh(CUBE, 0, 6000)
+    assert len(points) == pytest.approx(6000, abs=2)
+    np.testing.assert_allclose(np.abs(points).max(axis=1), 1)
+    np.testing.assert_allclose(np.einsum("ij,ij->i", points, normals), 1)
+    assert np.histogram2d(*points[normals[:, 2] > 0.5, :2].T, bins=4)[0].std() < 15
+
+
+def test_round_normals_on_a_tessellated_cylinder() -> None:
+    points, normals = sample_mesh(tube(36), 0, 4000)
+    side = np.abs(normals[:, 2]) < 0.5
+    radial = points[side, :2] / np.linalg.norm(points[side, :2], axis=1, keepdims=True)
+    cosine = np.einsum("ij,ij->i", normals[side, :2], radial)
+    assert np.degrees(np.arccos(cosine.clip(-1, 1))).max() < 1  # facets alone: 5 degrees
+    assert np.all(np.abs(normals[~side, 2]) == pytest.approx(1))
+
+
+def test_small_faces_get_points() -> None:
+    small = replace(scaled(CUBE, 0.02), vertices=0.02 * CUBE.vertices + [3, 0, 0])
+    points, _ = sample_mesh(together(CUBE, small), 0)
+    assert (points[:, 0] > 2).sum() >= 6 * 11
+
+
+def test_prepare_keeps_the_mesh_and_is_deterministic() -> None:
+    raw = soup(scaled(tube(48), 10))
+    first, second = (prepare(RawScan(raw.vertices, None, raw), 3) for _ in range(2))
+    np.testing.assert_array_equal(first.points, second.points)
+    assert first.mesh is not None and is_closed(first.mesh)
+    assert first.mesh.volume() * first.frame.scale**3 == pytest.approx(1000 * tube(48).volume())
+    assert len(first.points) == pytest.approx(30_000, rel=0.1)
+
+
+def test_useless_meshes() -> None:
+    bad = Mesh(np.where(np.arange(8)[:, None] == 3, np.nan, CORNERS), CUBE.faces)
+    flat = Mesh(CORNERS * [1, 1, 0], CUBE.faces)
+    for mesh, sentence in ((bad, "1 of 8 points are NaN"), (flat, "on one plane")):
+        with pytest.raises(ScanError, match=rf"m\.stl: .*{sentence}"):
+            prepare(RawScan(mesh.vertices, None, mesh, "m.stl"), 0)
