@@ -6,6 +6,7 @@ Every rung is one attempt in a child process with a time limit; the first whose 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -24,6 +25,7 @@ from sed2cad.scan.scan import Frame, Mesh, Scan
 from sed2cad.settings import Settings
 from sed2cad.topology.faceted import decimate
 from sed2cad.topology.model import Topology
+from sed2cad.topology.proxy import smooth_proxy
 from sed2cad.topology.trace import trace
 
 Done = Callable[[str, str], None]
@@ -52,13 +54,14 @@ class Rung:
     name: str
     smoothness: float = 1.0  # of the labels on the proxy mesh
     regular: bool = True  # whether parallel, coaxial, ... are made exact
+    smooth: bool = False  # whether the proxy is a Poisson surface instead of a carved one
 
 
 LADDER = (
     Rung("exact"),
     Rung("exact, not regularised", regular=False),
     Rung("exact, smoother borders", smoothness=2.5),
-    Rung("exact, rougher borders, not regularised", smoothness=0.4, regular=False),
+    Rung("exact, second proxy", smooth=True),
 )
 
 
@@ -67,35 +70,56 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
 
     AssemblyError when nothing closes.
     """
-    options = Options(limits=_limits(scan, settings))
     failures: list[str] = []
-    proxy: Mesh | None = None
+    proxies: dict[bool, Mesh] = {}
+    start = time.perf_counter()
     for rung in LADDER:
-        traced = trace(scan, fitted, rung.smoothness, proxy)
-        proxy = traced.proxy
-        patches, constraints = list(traced.fitted), []
-        if rung.regular:
-            patches, constraints = regularize(patches, scan.points, traced.topology)
-        done("trace", f"{len(traced.topology.regions)} faces, {len(traced.topology.chains)} edges, "
-                      f"{len(constraints)} constraints")
-        surface = np.vstack([scan.points, proxy.vertices])
-        attempt = Attempt(traced.topology, tuple(patches), scan.frame, scan.points, options, surface)
-        outcome = run_isolated(exact_solid, attempt, settings.attempt_seconds)
-        reason = _fault(outcome)
+        if time.perf_counter() - start > settings.exact_seconds:
+            failures.append(f"{rung.name}: not tried, the time for exact solids was over")
+            break
+        try:
+            found, reason = _attempt(scan, fitted, rung, proxies, settings, done)
+        except AssemblyError as error:
+            found, reason = None, str(error)
         done("assemble", f"{rung.name}: {reason or 'closed'}")
-        if not reason and isinstance(outcome, AssemblyResult):
-            return Assembly(tuple(patches), traced.topology, outcome, face_names(outcome, patches), rung.name,
-                            tuple(failures), tuple(constraints))
+        if found is not None and not reason:
+            return replace(found, failures=tuple(failures))
         failures.append(f"{rung.name}: {reason}")
-    assert proxy is not None
-    return _facets(scan, proxy, fitted, options, settings, failures, done)
+    if not proxies:
+        raise AssemblyError(f"no closed surface could be laid through the scan ({failures[-1]})")
+    return _facets(scan, next(iter(proxies.values())), fitted, settings, failures, done)
+
+
+def _attempt(
+    scan: Scan, fitted: Sequence[FittedPatch], rung: Rung, proxies: dict[bool, Mesh], settings: Settings, done: Done
+) -> tuple[Assembly | None, str]:
+    """One rung: the assembly and why it is not good enough (empty when it is)."""
+    if rung.smooth and rung.smooth not in proxies:
+        proxies[rung.smooth] = smooth_proxy(scan, fitted)
+    traced = trace(scan, fitted, rung.smoothness, proxies.get(rung.smooth))
+    proxies[rung.smooth] = traced.proxy
+    patches = list(traced.fitted)
+    constraints: list[Constraint] = []
+    if rung.regular:
+        patches, constraints = regularize(patches, scan.points, traced.topology)
+    faces, edges = len(traced.topology.regions), len(traced.topology.chains)
+    done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
+    surface = np.vstack([scan.points, traced.proxy.vertices])
+    options = Options(limits=_limits(scan, settings))
+    attempt = Attempt(traced.topology, tuple(patches), scan.frame, scan.points, options, surface)
+    outcome = run_isolated(exact_solid, attempt, settings.attempt_seconds)
+    reason = _fault(outcome)
+    if isinstance(outcome, Failure):
+        return None, reason
+    names = face_names(outcome, patches)
+    return Assembly(tuple(patches), traced.topology, outcome, names, rung.name, (), tuple(constraints)), reason
 
 
 def _facets(
-    scan: Scan, proxy: Mesh, fitted: Sequence[FittedPatch], options: Options, settings: Settings,
-    failures: list[str], done: Done,
+    scan: Scan, proxy: Mesh, fitted: Sequence[FittedPatch], settings: Settings, failures: list[str], done: Done
 ) -> Assembly:
     """The last rung: the proxy mesh as a solid of planar faces."""
+    options = Options(limits=_limits(scan, settings))
     for count in FACET_COUNTS:
         attempt = FacetedAttempt(decimate(proxy, count), scan.frame, scan.points, options)
         outcome = run_isolated(faceted_solid, attempt, settings.attempt_seconds)

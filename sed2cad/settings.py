@@ -19,6 +19,7 @@ class Settings:
     tolerance: float | None = None  # largest distance of scan and solid, in `unit`; None: from the noise
     device: str = "auto"  # where the network runs: "auto", "cpu", "cuda"
     unit: str = "mm"  # of the scan's coordinates: "mm", "cm", "m", "in"
+    exact_seconds: float = 75.0  # after which no further attempt at an exact solid is begun
     attempt_seconds: float = 60.0  # for one attempt to build the solid; the CAD kernel hangs now and then
 
     def __post_init__(self) -> None:

@@ -37,6 +37,8 @@ def solve_corner(
     A corner that runs away is solved again without the directions that its surfaces hardly determine. Where a
     chain is `resting` at the corner they are left out from the start.
     """
+    if not sides:
+        return Corner(start, 0.0, 0.0, 0.0)
     for rank in _RANKS[1:] if resting else _RANKS:
         corner = _gauss_newton(start, sides, tangent, rank)
         if corner.moved < _FAR:

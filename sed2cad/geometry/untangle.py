@@ -43,39 +43,45 @@ class _Split:
 def untangled(topology: Topology, sides: Sequence[Side], meetings: Sequence[Meeting]) -> Topology:
     """The topology with its impossible corners split and its crossed short chains turned over."""
     web = Web(topology)
-    resting = {k for k, how in enumerate(meetings) if how != "crossing"}
+    smooth = {k for k, how in enumerate(meetings) if how != "crossing"}
     for _ in range(_ROUNDS):
-        before = len(web.chains)
+        before = web
         for corner in range(len(web.corners)):
-            web = _split_if_impossible(web, corner, sides, resting)
+            web = _split_if_impossible(web, corner, sides, smooth)
         for k in range(len(web.chains)):
-            web = _turned_over(web, k, sides, resting)
-        if len(web.chains) == before:
+            web = _turned_over(web, k, sides, smooth)
+        if web is before:
             break
     return web.topology()
 
 
 def _split_if_impossible(web: Web, corner: int, sides: Sequence[Side], smooth: set[int]) -> Web:
-    """The web with a corner of more than three faces split, where that mends it."""
+    """The web with a corner of more than three faces split, where that mends it.
+
+    A short chain at the corner may have to go for it: it then joins what a neck of a face keeps apart.
+    """
     turn = web.turn(corner)
-    if not 4 <= len(turn) <= _MOST_RAYS or any(ray[0] in smooth for ray, _ in turn):
+    if not _is_plain(turn, smooth, 4):
         return web
-    whole = _solved(web, corner, [region for _, region in turn], sides)
-    if whole.residual < _FIT:
+    off = _solved(web, corner, [region for _, region in turn], sides).residual
+    if off < _FIT:
         return web
-    best = _best_split(web, corner, sides)
-    if best is None or best.residual > 0.5 * whole.residual:
-        return web
-    return web.split(corner, best.first, best.second, best.at.position, best.away.position)
+    found = [_mended(web, corner, sides)]
+    for (k, end), _ in turn:
+        chain = web.chains[k]
+        other = chain.start if end else chain.end
+        if _is_short(web, k) and _is_plain(web.turn(other), smooth, 3):
+            found.append(_mended(web.contracted(k), chain.start, sides))
+    return _simplest(web, found, 0.5 * off)
 
 
 def _turned_over(web: Web, k: int, sides: Sequence[Side], smooth: set[int]) -> Web:
     """The web with the two other faces in touch along a short chain whose solved ends have changed places."""
-    chain = web.chains[k]
-    if k in web.dead or chain.closed or chain.start == chain.end or length(chain.points, False) > _SHORT:
+    if k in web.dead or not _is_short(web, k):
         return web
+    chain = web.chains[k]
     turns = [web.turn(corner) for corner in (chain.start, chain.end)]
-    if any(len(turn) != 3 or any(ray[0] in smooth for ray, _ in turn) for turn in turns):
+    if not all(_is_plain(turn, smooth, 3) and len(turn) == 3 for turn in turns):
         return web
     start, end = (
         _solved(web, corner, [region for _, region in turn], sides)
@@ -84,28 +90,57 @@ def _turned_over(web: Web, k: int, sides: Sequence[Side], smooth: set[int]) -> W
     if (end.position - start.position) @ (chain.points[-1] - chain.points[0]) >= 0:
         return web
     merged = web.contracted(k)
-    turn = merged.turn(chain.start)
-    if len(turn) != 4 or _solved(merged, chain.start, [r for _, r in turn], sides).residual < _FIT:
+    regions = [region for _, region in merged.turn(chain.start)]
+    if not regions or _solved(merged, chain.start, regions, sides).residual < _FIT:
         return web
-    best = _best_split(merged, chain.start, sides)
-    if best is None or best.residual > _FIT:
+    return _simplest(web, [_mended(merged, chain.start, sides)], _FIT)
+
+
+def _is_plain(turn: Sequence[tuple[tuple[int, int], int]], smooth: set[int], least: int) -> bool:
+    """Whether a corner has enough faces, not too many, and only edges where surfaces cross."""
+    return least <= len(turn) <= _MOST_RAYS and not any(ray[0] in smooth for ray, _ in turn)
+
+
+def _is_short(web: Web, k: int) -> bool:
+    """Whether a chain is short enough to be a flaw of the mesh."""
+    chain = web.chains[k]
+    return not chain.closed and chain.start != chain.end and length(chain.points, False) < _SHORT
+
+
+def _mended(web: Web, corner: int, sides: Sequence[Side]) -> tuple[Web, float] | None:
+    """The web with a corner split in the best way, and how far the two new ones are off their surfaces."""
+    best = _best_split(web, corner, sides)
+    if best is None:
+        return None
+    return web.split(corner, best.first, best.second, best.at.position, best.away.position), best.residual
+
+
+def _simplest(web: Web, found: Sequence[tuple[Web, float] | None], limit: float) -> Web:
+    """Of the mended webs with corners off by less than `limit` the one with the fewest chains, or `web`."""
+    good = [entry for entry in found if entry is not None and entry[1] < limit]
+    if not good:
         return web
-    return merged.split(chain.start, best.first, best.second, best.at.position, best.away.position)
+    fewest = min(len(mended.chains) - len(mended.dead) for mended, _ in good)
+    simple = [entry for entry in good if len(entry[0].chains) - len(entry[0].dead) == fewest]
+    return min(simple, key=lambda entry: entry[1])[0]
 
 
 def _best_split(web: Web, corner: int, sides: Sequence[Side]) -> _Split | None:
     """The split whose two corners fit best, of those whose new chain runs the right way."""
     turn = web.turn(corner)
-    splits = [_split(web, corner, first, second, sides) for first, second in _pairs(len(turn))]
+    regions = [region for _, region in turn]
+    splits = [_split(web, corner, first, second, sides) for first, second in _pairs(regions)]
     sound = [s for s in splits if _is_sound(web, corner, s)]
     return min(sound, key=lambda s: s.residual) if sound else None
 
 
-def _pairs(count: int) -> Iterator[tuple[int, int]]:
-    """Numbers of regions around a corner that are not in touch yet."""
+def _pairs(regions: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Numbers of the regions around a corner that are not in touch there yet."""
+    count = len(regions)
+    touching = {frozenset((a, b)) for a, b in zip(regions, [*regions[1:], regions[0]])}
     for first in range(count):
         for second in range(first + 2, count):
-            if (first, second) != (0, count - 1):
+            if frozenset((regions[first], regions[second])) not in touching:
                 yield first, second
 
 
@@ -119,7 +154,7 @@ def _split(web: Web, corner: int, first: int, second: int, sides: Sequence[Side]
 def _is_sound(web: Web, corner: int, split: _Split) -> bool:
     """Whether the new corners are near, and apart in the way in which their rays go."""
     turn = web.turn(corner)
-    if turn[split.first][1] == turn[split.second][1] or max(split.at.moved, split.away.moved) > _FAR:
+    if max(split.at.moved, split.away.moved) > _FAR:
         return False
     ways = np.array([web.direction(ray) for ray, _ in turn])
     here = np.zeros(len(turn), dtype=bool)

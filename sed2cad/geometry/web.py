@@ -51,7 +51,7 @@ class Web:
         return chain.end if ray[1] else chain.start
 
     def turn(self, corner: int) -> list[tuple[Ray, int]]:
-        """The rays of a corner in order, each with the region between it and the next; [] where they do not close."""
+        """The rays of a corner in order, each with the region between it and the next; [] if that fails."""
         following: dict[Ray, tuple[Ray, int]] = {}
         for region, loops in enumerate(self.loops):
             for loop in loops:
@@ -90,6 +90,7 @@ class Web:
     def split(self, corner: int, first: int, second: int, at: Array, away: Array) -> Web:
         """The web with a corner torn into two, the regions number `first` and `second` of its turn in touch.
 
+        They get a chain between them; or, where both are one region, its neck there opens.
         `at` (3,) is the corner of the rays after the first region up to the second, `away` that of the
         others.
         """
@@ -105,11 +106,28 @@ class Web:
                 chain = other.chains[k]
                 other.chains[k] = replace(chain, end=new) if end else replace(chain, start=new)
         right, left = turn[first][1], turn[second][1]
+        if left == right:
+            other._relink(left, turn[first][0], turn[second][0])
+            return other
         other.chains.append(Chain(np.linspace(at, away, 4), left, right, corner, new))
         added = len(other.chains) - 1
         other._insert(right, turn[first][0], (added, -1))
         other._insert(left, turn[second][0], (added, 1))
         return other
+
+    def _relink(self, region: int, one: Ray, two: Ray) -> None:
+        """Let the ways through a corner after two arriving rays change places: a neck of the region opens."""
+        loops = self.loops[region]
+        a, b = ((ray[0], 1 if ray[1] else -1) for ray in (one, two))
+        with_a = next(loop for loop in loops if a in loop)
+        with_b = next(loop for loop in loops if b in loop)
+        loops[:] = [loop for loop in loops if loop is not with_a and loop is not with_b]
+        turned = _ending_with(with_a, a)
+        if with_a is with_b:
+            cut = turned.index(b) + 1
+            loops += [turned[:cut], turned[cut:]]
+        else:
+            loops.append(turned + _ending_with(with_b, b))
 
     def _insert(self, region: int, arriving: Ray, step: tuple[int, int]) -> None:
         """Put a step into a region's loop after the step that arrives by a ray."""
@@ -131,3 +149,9 @@ class Web:
 def _after(first: int, second: int, count: int) -> int:
     """`second` counted on from `first`."""
     return second if second > first else second + count
+
+
+def _ending_with(loop: list[tuple[int, int]], step: tuple[int, int]) -> list[tuple[int, int]]:
+    """The loop turned so that a step is its last."""
+    cut = loop.index(step) + 1
+    return loop[cut:] + loop[:cut]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.errors import ScanError
+from sed2cad.scan.normals import TWO_SHEETS
 from sed2cad.scan.raw import RawScan, ScanWarning
 from sed2cad.scan.scan import Array, Mesh
 
@@ -16,7 +17,9 @@ FEWEST = 50
 MOST_BAD = 0.01
 """Share of points with NaN or inf that may be dropped."""
 FLAT = 1e-4
-"""Thickness in units of the diagonal below which points lie on a plane or a line."""
+"""Thickness in units of the diagonal below which points lie on a plane or a line,"""
+NOISY = 6.0
+"""and in units of the noise: a noisy plane has 3.5."""
 
 
 def clean_points(raw: RawScan) -> tuple[Array, Array | None]:
@@ -56,15 +59,18 @@ def clean_mesh(raw: RawScan, mesh: Mesh) -> Mesh:
     return Mesh(np.where(finite[:, None], mesh.vertices, 0.0), faces)
 
 
-def require_depth(points: Array, name: str, least: float = 0.0) -> None:
-    """ScanError when the points (n, 3) are thinner than `least`, or than FLAT times their diagonal.
+def require_depth(points: Array, name: str, noise: float = 0.0) -> None:
+    """ScanError when the points (n, 3) are thinner than FLAT times their diagonal, or as thin as noise.
 
     Thickness is that of an even slab with the same standard deviation, which single outliers change little.
+    Points in two sheets are a thin plate, not a noisy plane.
     """
     centred = points - points.mean(axis=0)
     axes = np.linalg.svd(centred, full_matrices=False)[2][::-1]  # thinnest direction first
-    width = (centred @ axes.T).std(axis=0) * np.sqrt(12)
-    limit = max(FLAT * float(np.linalg.norm(width)), least)
+    local = centred @ axes.T
+    width = local.std(axis=0) * np.sqrt(12)
+    two_sheets = (local[:, 0] ** 4).mean() < TWO_SHEETS * local[:, 0].var() ** 2
+    limit = max(FLAT * float(np.linalg.norm(width)), 0.0 if two_sheets else NOISY * noise)
     for extent, shape in zip(width[::-1], ("in one place", "on one line", "on one plane")):
         if extent <= limit:
             raise ScanError(f"{name}: all points lie {shape}; scan the part from all sides")

@@ -18,6 +18,8 @@ BETTER = 1.5
 """A neighbour's plane replaces a point's own when its expected squared error is that many times smaller."""
 SMOOTHING = 0.35
 """Width of the smoothing in radians between normals: noise goes, edges stay."""
+TWO_SHEETS = 1.4
+"""Kurtosis below which points are both sides of a thin plate: 1 for two sheets, 1.8 even, 3 Gaussian."""
 CHUNK = 20_000
 """Points whose neighbourhoods are in memory at once."""
 
@@ -30,6 +32,7 @@ class _Planes:
     centres: Array  # (n, 3)
     residual: Array  # (n,) variance along the normal
     spread: Array  # (n,) variance across it, times the number of points
+    gap: Array  # (n,) half the distance of the two sheets that the plane lies between, 0 where there is one
 
     def error(self, points: Array, of: NDArray | slice = slice(None)) -> Array:
         """Expected squared error (n,), in radians^2, of the planes `of` as tangent planes at the points (n,
@@ -69,7 +72,8 @@ def tangents(points: Array) -> Tangents:
         best[better], choice[better] = error[better], j[better]
     choice = np.where(best < own / BETTER, choice, np.arange(len(points)))
     normals, centres = planes.normals[choice], planes.centres[choice]
-    feet = points - np.einsum("ij,ij->i", normals, points - centres)[:, None] * normals
+    height = np.einsum("ij,ij->i", normals, points - centres)
+    feet = points - (height - np.sign(height) * planes.gap[choice])[:, None] * normals
     for _ in range(2):
         normals = _smoothed(normals, near)
     return Tangents(normals, feet, near)
@@ -79,7 +83,7 @@ def _best_planes(points: Array) -> tuple[_Planes, NDArray[np.int64]]:
     """The best of the planes at all scales for each point, and its nearest points (n, REACH)."""
     n = len(points)
     near = np.empty((n, min(REACH, n)), dtype=np.int64)
-    best = _Planes(np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n))
+    best = _Planes(np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n))
     tree = search_tree(points)
     for start in range(0, n, CHUNK):
         rows = np.arange(start, min(start + CHUNK, n))
@@ -101,8 +105,11 @@ def _fit(points: Array, index: NDArray) -> _Planes:
     centres = local.mean(axis=1)
     local -= centres[:, None]
     variances, axes = np.linalg.eigh(local.transpose(0, 2, 1) @ local / k)
-    residual = np.maximum(variances[:, 0], 0) * k / (k - 3)
-    return _Planes(axes[:, :, 0].copy(), centres, residual, k * variances[:, 1])
+    variance = np.maximum(variances[:, 0], 0)
+    squared = np.einsum("nki,ni->nk", local, axes[:, :, 0]) ** 2
+    sheets = np.einsum("nk,nk->n", squared, squared) < TWO_SHEETS * k * variance**2
+    gap = np.where(sheets, np.sqrt(variance), 0.0)
+    return _Planes(axes[:, :, 0].copy(), centres, variance * k / (k - 3), k * variances[:, 1], gap)
 
 
 def _smoothed(normals: Array, near: NDArray) -> Array:

@@ -19,6 +19,8 @@ WEIGHT = 0.1
 """Of a vote against the agreement of a point with one neighbour."""
 SHEET = 0.15
 """Parallel neighbours higher above the tangent plane than this (sine) are probably on another sheet."""
+PARTNERS = 10
+"""Neighbours that a point agrees with."""
 ROUNDS = 150
 """Of conjugate gradients: how many neighbours away a vote is heard."""
 
@@ -32,8 +34,9 @@ def outward_signs(tangents: Tangents, votes: Array) -> Array:
     outvotes single wrong neighbours: of 10,000 points of a real part without normals 0.6 % get a wrong sign
     (median), of 200,000 0.03 %.
     """
-    n, k = tangents.near.shape
-    i, j = np.repeat(np.arange(n), k - 1), tangents.near[:, 1:].ravel()
+    near = tangents.near[:, 1 : 1 + PARTNERS]
+    n, k = near.shape
+    i, j = np.repeat(np.arange(n), k), near.ravel()
     agreement, trust = _agreement(tangents, i, j)
     weight = trust**4 + 1e-6
     pairs = csr_matrix((weight * np.sign(agreement), (i, j)), shape=(n, n))

@@ -45,7 +45,8 @@ def prepare(raw: RawScan, seed: int) -> Scan:
     else:
         normals = _outward(points, _unit(points, given[keep]), distance[:, 5])
     noise = noise_level(points, normals)
-    require_depth(points, raw.name, least=6 * noise)
+    if given is None:
+        require_depth(points, raw.name, noise)
     return Scan(points, normals, None, frame, noise, float(np.median(distance[:, 0])))
 
 

@@ -41,8 +41,8 @@ def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array
 def _corner_normals(mesh: Mesh, part: NDArray) -> Array:
     """Unit normals (f, 3, 3) at the corners: means over the triangles of the same part.
 
-    Weighted by area (a large plane beside a fillet keeps its normal) and by the angle at the corner (however a
-    quadrangle is cut into triangles, it counts the same).
+    Weighted by area (a large plane beside a fillet keeps its normal) and by the angle at the corner (then it
+    does not matter how quadrangles are cut).
     """
     normals, area = mesh.face_normals()
     corners = mesh.faces * np.int64(part.max() + 1) + part[:, None]

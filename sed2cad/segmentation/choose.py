@@ -56,9 +56,9 @@ def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: floa
             break
     if freeform > LIKELY and len(points) >= 16 and (best is None or best.cost > 1.5 * len(points)):
         surface = fit_bspline(points, normals, tolerances.distance)
-        found = surface and _rate(surface, points, normals, tolerances)
-        if found and (best is None or found.cost < 0.7 * best.cost):
-            best = found
+        rated = None if surface is None else _rate(surface, points, normals, tolerances)
+        if rated is not None and (best is None or rated.cost < 0.7 * best.cost):
+            best = rated
     return best and Choice(best.primitive, best.sign, best.cost * count / len(points))
 
 

@@ -21,7 +21,7 @@ Labels = NDArray[np.int64]
 
 Key = tuple[int, int, int]
 
-FEWEST = 5  # points that make a patch
+FEWEST = 4  # points that make a patch
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Refiner:
         self.place = graph.place
         self.chosen: dict[Key, Choice | None] = {}  # what sets of points have chosen before
         self.apart: set[tuple[Key, Key]] = set()  # pairs of patches that did not want to be one
-        self.near = cKDTree(points).query_pairs(4 * graph.spacing, output_type="ndarray")
+        self.near = cKDTree(points).query_pairs(2.5 * graph.spacing, output_type="ndarray")
 
     def run(self, proposals: list[Labels], rounds: int = 6) -> State:
         """Refine until nothing moves; every proposal (n,) contributes its clusters as candidates."""
@@ -139,7 +139,7 @@ class Refiner:
     def _explain(self, members: NDArray[np.int64]) -> list[tuple[Choice, NDArray[np.int64]]]:
         """Primitives for a connected set of points, greedily: local fits compete by the cost that they save
         (a RANSAC whose samples are neighbourhoods, after Schnabel et al. 2007)."""
-        out = []
+        out: list[tuple[Choice, NDArray[np.int64]]] = []
         while len(members) >= FEWEST and len(out) < 12:
             best_gain, best = 0.0, None
             for sample in self._samples(members):

@@ -6,6 +6,7 @@ around them are inside. The samples stay where they are, so edges stay sharp and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +14,13 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from sed2cad.scan.scan import Array, Mesh
-from sed2cad.topology.manifold import Faces, Index, groups, split_fans, twins
+from sed2cad.topology.manifold import Faces, Index, euler_number, groups, split_fans, twins
 from sed2cad.topology.mincut import min_cut
 from sed2cad.topology.samples import Mask, Samples
 
 _OPPOSITE = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # facet across from each corner
 _FAR = 2.0  # unit frame: half the size of the box around all
+_SMOOTHNESS = (1.0, 3.0)  # what facets cost against votes
 _JITTER = 1e-3  # spacings: no four samples in one plane, or on one circle
 
 
@@ -40,12 +42,28 @@ class Tetrahedra:
         return np.take_along_axis(self.corners[tetrahedra], _OPPOSITE[across], axis=1)
 
 
-def carved(samples: Samples, spacing: float, smoothness: float = 1.0) -> Mesh:
-    """The closed manifold surface (outward) of the part that the samples describe."""
+def carved(samples: Samples, spacing: float) -> Mesh:
+    """The closed manifold surface (outward) of the part that the samples describe.
+
+    Cut more and less smoothly: what goes wrong makes tunnels, so the surface with the fewest handles is kept.
+    """
     tetrahedra = triangulated(samples.points, spacing)
-    inside = _inside(tetrahedra, samples, spacing, smoothness)
-    inside = without_islands(inside, tetrahedra, (6 * spacing) ** 3)
-    return boundary(tetrahedra, inside)
+    votes = _votes(tetrahedra, samples)
+    first, across = np.nonzero(tetrahedra.neighbours > np.arange(len(votes))[:, None])
+    pairs = np.column_stack([first, tetrahedra.neighbours[first, across]])
+    prices = _facet_prices(tetrahedra, tetrahedra.facets(first, across), samples, spacing)
+    found = []
+    for smoothness in _SMOOTHNESS:
+        price = smoothness * prices
+        inside = ~min_cut(np.maximum(votes, 0), np.maximum(-votes, 0), pairs, price, price)
+        inside = without_islands(inside, tetrahedra, (6 * spacing) ** 3)
+        found.append(boundary(tetrahedra, inside))
+    return fewest_handles(found)
+
+
+def fewest_handles(meshes: Sequence[Mesh]) -> Mesh:
+    """The mesh of the largest Euler number; of several, the first."""
+    return max(meshes, key=lambda mesh: euler_number(mesh.faces))
 
 
 def triangulated(points: Array, spacing: float) -> Tetrahedra:
@@ -61,16 +79,6 @@ def triangulated(points: Array, spacing: float) -> Tetrahedra:
     for table in (corners, neighbours):
         table[inverted, :2] = table[inverted, 1::-1]
     return Tetrahedra(moved, corners, neighbours)
-
-
-def _inside(tetrahedra: Tetrahedra, samples: Samples, spacing: float, smoothness: float) -> Mask:
-    """Which tetrahedra (t,) are inside."""
-    votes = _votes(tetrahedra, samples)
-    first, across = np.nonzero(tetrahedra.neighbours > np.arange(len(votes))[:, None])
-    second = tetrahedra.neighbours[first, across]
-    price = smoothness * _facet_prices(tetrahedra, tetrahedra.facets(first, across), samples, spacing)
-    pairs = np.column_stack([first, second])
-    return ~min_cut(np.maximum(votes, 0), np.maximum(-votes, 0), pairs, price, price)
 
 
 def _votes(tetrahedra: Tetrahedra, samples: Samples) -> Array:

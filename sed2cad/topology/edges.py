@@ -1,7 +1,7 @@
-"""Samples on the edges between patches, sharp or tangent: where two surfaces meet between neighbouring points.
+"""Samples on the edges between patches, sharp or tangent: where surfaces meet between neighbouring points.
 
-Narrow strips (chamfers, fillets) often have too few points to touch themselves everywhere. Where the edge that
-two patches would have lies cut off behind a strip between them, the strip's two edges are sampled instead.
+Narrow strips (chamfers, fillets) often have too few points to touch their neighbours everywhere. Where the
+edge that two patches would have lies cut off behind a strip between them, the strip's two edges are sampled.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ _REACH = 4.0  # spacings: longer pairs of points are not neighbours
 _CELL = 1.0  # spacings: of the samples along an edge
 _CLOSE = 0.5  # spacings: face samples this close to an edge give way to it
 _STRIP_REACH = 8.0  # spacings: gaps in a strip are bridged up to twice this
-_GAP = 10.0  # spacings: the longest gap in an edge that is filled
+_GAP = 16.0  # spacings: the longest gap in an edge that is filled
 _WIDE = 1.8  # spacings: the shortest
-_ROUNDS = 3  # each halves the gaps
+_ROUNDS = 4  # each halves the gaps
 _CUT_OFF = 0.1  # spacings: how far behind a strip an edge must lie
 
 
@@ -56,7 +56,7 @@ def edge_samples(faces: Samples, fitted: Sequence[FittedPatch], spacing: float) 
     """Samples of all edges, about a spacing apart."""
     found = meetings(faces, spacing)
     if len(found.points) == 0:
-        return faces[:0]
+        return faces[np.zeros(len(faces), dtype=bool)]
     edges, kept = joined(found, fitted, spacing)
     owned = _owned(edges, faces)
     edges, found = edges[owned], found[kept][owned]
@@ -70,7 +70,7 @@ def edge_samples(faces: Samples, fitted: Sequence[FittedPatch], spacing: float) 
 
 
 def _in_gaps(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Samples:
-    """Samples half way between those of one edge that are far apart, unless other patches are nearer there."""
+    """Samples half way between those of one edge that are far apart, unless another patch is nearer."""
     _, group = np.unique(edges.labels, axis=0, return_inverse=True)
     apart = np.column_stack([edges.points, 10.0 * group.reshape(-1)])  # groups never mix
     tree = cKDTree(apart)
@@ -84,11 +84,11 @@ def _in_gaps(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spac
     first, middle, size = first[open_], middle[open_], size[open_]
     places = Meetings(middle, edges.labels[first], 0.35 * size, edges.convex[first])
     added, _ = joined(places, fitted, spacing)
-    return added[_owned(added, faces)] if len(added) else added
+    return added[_owned(added, faces, 3 * spacing)] if len(added) else added
 
 
 def meetings(faces: Samples, spacing: float) -> Meetings:
-    """The middles between neighbouring face samples of different patches, one in each cell of half a spacing."""
+    """The middles between neighbouring face samples of two patches, one in each cell of half a spacing."""
     _, near = cKDTree(faces.points).query(
         faces.points, k=_NEIGHBOURS + 1, distance_upper_bound=_REACH * spacing
     )
@@ -122,10 +122,10 @@ def joined(found: Meetings, fitted: Sequence[FittedPatch], spacing: float) -> tu
     return Samples(points[kept], found.sides[kept], normals[kept], found.convex[kept]), kept
 
 
-def _owned(edges: Samples, faces: Samples) -> Mask:
-    """Whether the face sample nearest to each edge sample (n,) is of one of its patches."""
-    _, nearest = cKDTree(faces.points).query(edges.points)
-    return np.asarray((faces.labels[nearest, :1] == edges.labels).any(axis=1))
+def _owned(edges: Samples, faces: Samples, reach: float = np.inf) -> Mask:
+    """Whether the face sample nearest to each edge sample (n,) is of one of its patches, and within reach."""
+    distance, nearest = cKDTree(faces.points).query(edges.points)
+    return np.asarray((faces.labels[nearest, :1] == edges.labels).any(axis=1) & (distance < reach))
 
 
 def strips_between(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Labels:
@@ -148,7 +148,7 @@ def strips_between(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch]
 
 
 def _behind(edges: Samples, strip: Side, own: Array, spacing: float) -> Mask:
-    """Which samples of one edge (n,) lie behind a strip between its patches that has points `own` (m, 3) near."""
+    """Which samples of one edge (n,) lie behind a strip between its patches, with its points (m, 3) near."""
     if len(own) == 0:
         return np.zeros(len(edges), dtype=bool)
     depth = np.where(edges.convex, 1, -1) * strip.sign * strip.primitive.distance(edges.points)
@@ -170,7 +170,7 @@ def _contradicted(edges: Samples, strip: Side, faces: Samples, tree: cKDTree, sp
 
 
 def _is_between(normal: Array, two: Array) -> Mask:
-    """Whether normals (n, 3) are about in the plane of the `two` (n, 2, 3), on the shorter way between them."""
+    """Whether normals (n, 3) are about in the plane of the `two` (n, 2, 3) and on the shorter way between."""
     a, b = two[:, 0], two[:, 1]
     cosine = np.einsum("ij,ij->i", a, b)
     with_a, with_b = np.einsum("ij,ij->i", normal, a), np.einsum("ij,ij->i", normal, b)

@@ -15,6 +15,9 @@ from sed2cad.topology.mincut import Labels, Pairs, alpha_expansion
 
 _NEAR = 16  # points around a triangle whose patches are its candidates
 _VOTERS = 6  # of them vote
+_FITS = 1.0  # units of distance: triangles nearer than this to a primitive may be on it without such points,
+_ALIGNED = 0.8  # if their normals agree (cosine)
+_FAR = 16.0  # and a point of its patch is within so many spacings
 _CREASE = 0.03  # 1 - cosine at which an edge counts as a crease
 
 
@@ -40,12 +43,12 @@ def adjacency(mesh: Mesh) -> Adjacency:
 
 
 def data_costs(mesh: Mesh, scan: Scan, fitted: Sequence[FittedPatch], labels: Labels) -> Array:
-    """Cost (f, k) of each triangle on each primitive; inf where no near point names it.
+    """Cost (f, k) of each triangle on each primitive; inf where it is no candidate.
 
-    labels (n,): the patch of each point, -1 for none.
+    labels (n,): the patch of each point, -1 for none. Candidates are named by near points; a primitive that
+    fits a triangle well may have its points somewhat farther off, so that narrow faces hang together.
     """
-    centres = mesh.centroids()
-    normals, _ = mesh.face_normals()
+    centres, (normals, _) = mesh.centroids(), mesh.face_normals()
     named = labels >= 0
     points, names = scan.points[named], labels[named]
     _, near = cKDTree(points).query(centres, k=min(_NEAR, len(points)))
@@ -53,12 +56,19 @@ def data_costs(mesh: Mesh, scan: Scan, fitted: Sequence[FittedPatch], labels: La
     unit = 2 * scan.noise + 0.3 * scan.spacing
     costs = np.full((len(centres), len(fitted)), np.inf)
     for label, patch in enumerate(fitted):
-        at = np.flatnonzero((around == label).any(axis=1))
-        votes = (around[at, :_VOTERS] == label).mean(axis=1)
-        corners = np.abs(patch.primitive.distance(mesh.vertices[mesh.faces[at]].reshape(-1, 3)))
-        distance = corners.reshape(-1, 3).mean(axis=1) / (unit + patch.rms)
+        own = points[names == label]
+        if len(own) == 0:
+            continue
+        corners = np.abs(patch.primitive.distance(mesh.vertices)) / (unit + patch.rms)
+        distance = corners[mesh.faces].mean(axis=1)
+        votes = (around == label).sum(axis=1)
+        at = np.flatnonzero((votes > 0) | (distance < _FITS))
         cosine = patch.sign * np.einsum("ij,ij->i", patch.primitive.normal(centres[at]), normals[at])
-        costs[at, label] = np.minimum(distance, 4.0) + 3 * (1 - cosine) + 1.5 * (1 - votes)
+        away, _ = cKDTree(own).query(centres[at], distance_upper_bound=_FAR * scan.spacing)
+        candidate = (votes[at] > 0) | ((cosine > _ALIGNED) & np.isfinite(away))
+        at, cosine = at[candidate], cosine[candidate]
+        share = (around[at, :_VOTERS] == label).mean(axis=1)
+        costs[at, label] = np.minimum(distance[at], 4.0) + 3 * (1 - cosine) + 1.5 * (1 - share)
     return costs
 
 

@@ -50,7 +50,8 @@ def alpha_expansion(
     """Labels (n,) of low Potts energy.
 
     costs (n, k): inf where a label is no candidate; pairs (m, 2) with weights (m,) >= 0; starts at the
-    cheapest labels. Each move offers one label to all nodes that may take it; a move that does not gain is dropped.
+    cheapest labels. Each move offers one label to all nodes that may take it; a move
+    that does not gain is dropped.
     """
     labels = costs.argmin(axis=1).astype(np.int64) if labels is None else labels.copy()
     best = energy(costs, pairs, weights, labels)

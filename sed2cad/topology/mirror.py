@@ -89,7 +89,7 @@ def _feet(
 
 
 def _reaches(samples: Samples, feet: Array, labels: Labels, spacing: float) -> Mask:
-    """Whether the faces `labels` (m,) go on to the points `feet` (m, 3): not beyond an edge, not on top of one."""
+    """Whether the faces `labels` (m,) go on to `feet` (m, 3): not beyond an edge, not on top of one."""
     good = np.zeros(len(feet), dtype=bool)
     for label in np.unique(labels):
         at = labels == label

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
-from sed2cad.topology.carve import carved
+from sed2cad.topology.carve import carved, fewest_handles
 from sed2cad.topology.edges import surface_samples
 from sed2cad.topology.manifold import (
     bodies,
@@ -74,11 +74,31 @@ def _attempts(scan: Scan, fitted: Sequence[FittedPatch]) -> list[Callable[[], Me
         return [lambda: poisson(scan.points, scan.normals)]
     samples, spacing = _few_enough(surface_samples(scan, fitted), scan.spacing)
     return [
-        lambda: carved(mirrored(samples, fitted, spacing), spacing),
-        lambda: carved(samples, spacing),
+        lambda: _carved_both(samples, fitted, spacing),
         lambda: poisson(samples.points, samples.normals[:, 0]),
         lambda: poisson(scan.points, scan.normals),
     ]
+
+
+def smooth_proxy(scan: Scan, fitted: Sequence[FittedPatch]) -> Mesh:
+    """The Poisson surface through samples of the fitted surfaces: a second opinion with rounded edges.
+
+    AssemblyError where it is not closed.
+    """
+    samples, _ = _few_enough(surface_samples(scan, fitted), scan.spacing)
+    mesh = poisson(samples.points, samples.normals[:, 0])
+    if mesh is None or not is_closed_manifold(mesh.faces) or mesh.volume() <= 0:
+        raise AssemblyError("No closed surface could be laid through the points of the scan.")
+    return mesh
+
+
+def _carved_both(samples: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Mesh:
+    """Carved with and without mirrored samples: these close thin walls, but crowd narrow gaps."""
+    more = mirrored(samples, fitted, spacing)
+    meshes = [carved(more, spacing)]
+    if len(more) > 1.01 * len(samples):
+        meshes.append(carved(samples, spacing))
+    return fewest_handles(meshes)
 
 
 def _few_enough(samples: Samples, spacing: float) -> tuple[Samples, float]:

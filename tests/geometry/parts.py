@@ -389,6 +389,35 @@ def halved_dome() -> Part:
     return b.part(2 / 3 * PI * 1000, PI * 300)
 
 
+def pencil(half: float = 10.0, height: float = 40.0) -> Part:
+    """A square bar under a cone of 45 degrees: the ring around the tip is made of four hyperbolas."""
+    b = Builder()
+    tip = b.face(Cone(-Z, np.array([0.0, 0.0, height]), PI / 4))
+    ways = [-Y, X, Y, -X]
+    walls = [b.face(Plane(way, half)) for way in ways]
+    base = b.face(Plane(-Z, 0.0))
+    outline = [(-half, -half), (half, -half), (half, half), (-half, half)]
+    top = height - half * np.sqrt(2)
+    low = [b.corner(x, y, 0) for x, y in outline]
+    high = [b.corner(x, y, top) for x, y in outline]
+    lows = [b.line(low[k], low[(k + 1) % 4], walls[k], base) for k in range(4)]
+    ups = [b.line(low[k], high[k], walls[k - 1], walls[k]) for k in range(4)]
+    t = np.linspace(-half, half, 40)
+    rings = []
+    for k in range(4):
+        along = np.cross(Z, ways[k])
+        points = half * ways[k] + np.outer(t, along) + np.outer(height - np.hypot(half, t), Z)
+        rings.append(b.chain(points, tip, walls[k], high[k], high[(k + 1) % 4]))
+    b.loop(tip, *[(k, 1) for k in rings])
+    b.loop(base, *[(k, -1) for k in lows[::-1]])
+    for k in range(4):
+        b.loop(walls[k], (lows[k], 1), (ups[(k + 1) % 4], 1), (rings[k], -1), (ups[k], -1))
+    reach = np.sqrt(2) + np.log(1 + np.sqrt(2))
+    volume = 4 * half**2 * height - 4 / 3 * half**3 * reach
+    area = 4 * half**2 * (1 + np.sqrt(2)) + 4 * (2 * half * height - half**2 * reach)
+    return b.part(volume, area)
+
+
 def hollow_box() -> Part:
     """A box with a spherical cavity: two bodies, one of them inside out."""
     outer = box()

@@ -51,7 +51,7 @@ def test_a_torn_corner_is_mended() -> None:
     part = parts.pyramid()
     peak = len(part.topology.corners) - 1
     top = part.topology.corners[peak]
-    torn = Web(part.topology).split(peak, 0, 2, top, top + [0.006, 0.004, -0.003]).topology()
+    torn = Web(part.topology).split(peak, 0, 2, top, top + np.array([0.006, 0.004, -0.003])).topology()
     realised = realise(torn, part.fitted)
     assert realised.edges[-1] is None
     assert realised.clusters[-1] == realised.clusters[peak]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -37,7 +39,7 @@ def test_the_turn_of_a_corner_is_its_faces_in_order() -> None:
     turn = Web(part.topology).turn(len(part.topology.corners) - 1)
     assert sorted(region for _, region in turn) == [1, 2, 3, 4]
     following = [region for _, region in turn]
-    assert all((b - a) % 4 in (1, 3) for a, b in zip(following, following[1:]))
+    assert all((b - a) % 4 in (1, 3) for a, b in pairwise(following))
 
 
 def test_splitting_and_contracting_are_inverse() -> None:

@@ -13,7 +13,8 @@ from sed2cad.scan.scan import Array, Mesh
 from tests.parts import box_points
 
 POINTS, NORMALS = box_points(80)
-TETRAHEDRON = Mesh(np.vstack([np.zeros(3), np.eye(3)]), np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]))
+CORNERS = np.vstack([np.zeros(3), np.eye(3)])
+TETRAHEDRON = Mesh(CORNERS, np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]))
 
 
 def write(path: Path, table: Array, separator: str = " ", head: str = "", tail: str = "") -> Path:
@@ -132,7 +133,8 @@ def test_obj(tmp_path: Path) -> None:
 
 
 def test_obj_points_with_normals(tmp_path: Path) -> None:
-    lines = [f"v {x} {y} {z}\nvn {a} {b} {c}" for (x, y, z), (a, b, c) in zip(POINTS.tolist(), NORMALS.tolist())]
+    rows = np.hstack([POINTS, NORMALS]).tolist()
+    lines = [f"v {x} {y} {z}\nvn {a} {b} {c}" for x, y, z, a, b, c in rows]
     (tmp_path / "p.obj").write_text("\n".join(lines))
     raw = read_scan(tmp_path / "p.obj")
     np.testing.assert_array_equal(raw.points, POINTS)

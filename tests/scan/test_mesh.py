@@ -25,7 +25,8 @@ def tube(n: int) -> Mesh:
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     vertices = np.vstack([np.c_[ring, np.zeros(n)], np.c_[ring, np.ones(n)], [[0, 0, 0], [0, 0, 1]]])
     i, j = np.arange(n), np.roll(np.arange(n), -1)
-    faces = [(i, j, n + j), (i, n + j, n + i), (j, i, np.full(n, 2 * n)), (n + i, n + j, np.full(n, 2 * n + 1))]
+    low, high = np.full(n, 2 * n), np.full(n, 2 * n + 1)
+    faces = [(i, j, n + j), (i, n + j, n + i), (j, i, low), (n + i, n + j, high)]
     return Mesh(vertices, np.vstack([np.column_stack(f) for f in faces]))
 
 

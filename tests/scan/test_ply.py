@@ -88,7 +88,7 @@ def test_says_how_much_is_missing(tmp_path: Path, cut: int) -> None:
     path = tmp_path / "cut.ply"
     write_ply(path, *box_points(60))
     path.write_bytes(path.read_bytes()[:-cut])
-    with pytest.raises(ScanError, match=rf"cut\.ply: the file is cut short, {cut} bytes of its 60 vertex rows"):
+    with pytest.raises(ScanError, match=rf"cut\.ply: the file is cut short, {cut} bytes of its 60 vertex"):
         read_ply(path)
 
 

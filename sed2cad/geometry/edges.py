@@ -1,0 +1,131 @@
+"""The curve of one chain: closed form, recognised, or interpolated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sed2cad.geometry.chains import between, length, off_surfaces, onto_both, resampled, smoothed
+from sed2cad.geometry.contact import Meeting, Side
+from sed2cad.geometry.curves import Arc, Array, Curve, Interpolated, arc_through
+from sed2cad.geometry.intersections import exact_intersections
+from sed2cad.geometry.recognise import recognise
+from sed2cad.topology.model import Chain
+
+_FAR = 0.05  # unit frame: chain points that would move farther are not trusted
+_CONVERGED = 1e-4  # and so are those that did not get onto crossing surfaces
+_NEAR = 0.02  # a closed-form curve lies this near to the chain on average
+_ENDS = 2e-3  # and this near to the chain's corners
+_SMOOTH = 1e-5  # interpolated curves get more points until they are this near to both surfaces
+
+
+@dataclass(frozen=True)
+class EdgeGeometry:
+    """The curve of one chain, run its way."""
+
+    arc: Arc  # unit frame
+    residual: float  # largest distance of the arc from its two surfaces, unit frame
+
+
+def edge_geometry(chain: Chain, a: Side, b: Side, how: Meeting, corners: Array) -> EdgeGeometry:
+    """The curve of a chain between its solved corners (c, 3)."""
+    points = smoothed(chain.points, chain.closed)
+    if not chain.closed:
+        points = between(points, corners[chain.start], corners[chain.end])
+    points = resampled(points, int(np.clip(len(points), 12, 72)), chain.closed)
+    curve = _closed_form(a, b, points, how, chain.closed)
+    if curve is None:
+        curve, points = _numeric(a, b, points, how, chain.closed)
+    arc = arc_through(curve, points, chain.closed)
+    samples = arc.sampled(4 * len(points) + 1)
+    return EdgeGeometry(arc, float(off_surfaces(a, b, samples).max()))
+
+
+def _closed_form(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> Curve | None:
+    """The exact curve nearest to the chain, where there is one near enough."""
+    if how == "resting":
+        return None
+    candidates = exact_intersections(a.primitive, b.primitive, how == "touching")
+    if not candidates:
+        return None
+    distances = [curve.distance(points) for curve in candidates]
+    best = int(np.argmin([d.mean() for d in distances]))
+    at_ends = 0.0 if closed else max(distances[best][0], distances[best][-1])
+    near = distances[best].mean() < _NEAR and at_ends < _ENDS
+    return candidates[best] if near else None
+
+
+def _numeric(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> tuple[Curve, Array]:
+    """The recognised or interpolated curve of a chain, and its points in order."""
+    found, trusted = _project(a, b, points, how)
+    if trusted.mean() < 0.6 and how != "resting":
+        how = "resting"  # the surfaces miss each other here: the curve midway between them
+        found, trusted = _project(a, b, points, how)
+    if closed:
+        return _through(a, b, found[trusted] if trusted.sum() > 3 else points, how, True)
+    ends_off = np.linalg.norm(found[[0, -1]] - points[[0, -1]], axis=1)
+    trusted[[0, -1]] = False
+    inner = found[_in_order(found, trusted, points[0], points[-1])]
+    if ends_off.max() > _ENDS or len(inner) < 2:
+        # the corners lie off the curve: rather all of it a little off than a kink at its ends
+        line = np.vstack([found[:1], inner, found[-1:]]) if len(inner) > 1 else points
+        found = between(line, points[0], points[-1])
+        return recognise(found, False) or Interpolated(found, False), found
+    found = np.vstack([points[:1], inner, points[-1:]])
+    if how != "crossing" and len(inner) >= 4:
+        simple = recognise(inner, False)  # the corners of touching surfaces are not quite on the curve
+        if simple is not None and simple.distance(found[[0, -1]]).max() < _ENDS:
+            return simple, found
+    return _through(a, b, found, how, False)
+
+
+def _through(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> tuple[Curve, Array]:
+    """The curve through points (n, 3): a simple one, or interpolated as closely as the surfaces ask for."""
+    simple = recognise(points, closed)
+    if simple is not None:
+        return simple, points
+    points = _refined(a, b, points, how, closed)
+    return Interpolated(points, closed), points
+
+
+def _project(a: Side, b: Side, points: Array, how: Meeting) -> tuple[Array, NDArray[np.bool_]]:
+    """Points (n, 3) on the common curve, and which of them to trust."""
+    projected = onto_both(a, b, points, how)
+    trusted = projected.moved < _FAR
+    if how == "crossing":
+        trusted &= projected.residual < _CONVERGED
+    return projected.points, trusted
+
+
+def _in_order(found: Array, trusted: NDArray[np.bool_], start: Array, end: Array) -> list[int]:
+    """Indices of trusted points that lie between the corners and make way along the chain."""
+    step = length(found, False) / max(len(found) - 1, 1)
+    ways = np.gradient(found, axis=0)
+    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-300)
+    kept: list[int] = []
+    last = start
+    for k in np.flatnonzero(trusted):
+        least = 0.15 * step if kept else 0.3 * step
+        early = k < len(found) / 2 or (end - found[k]) @ ways[k] > 0.3 * step
+        if (found[k] - last) @ ways[k] > least and early:
+            kept.append(int(k))
+            last = found[k]
+    return kept
+
+
+def _refined(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> Array:
+    """More points (m, 3) where the interpolated curve leaves the surfaces between its points."""
+    if how == "resting" or len(points) < 4:
+        return points
+    for _ in range(3):
+        curve = Interpolated(points, closed)
+        middles = curve.at((curve.knots[1:] + curve.knots[:-1]) / 2)
+        projected = onto_both(a, b, middles, how)
+        sound = (projected.moved < 0.25 * np.diff(curve.knots)) & (projected.residual < _CONVERGED)
+        add = np.flatnonzero((projected.moved > _SMOOTH) & sound)
+        if len(add) == 0 or len(points) > 400:
+            break
+        points = np.insert(points, add + 1, projected.points[add], axis=0)
+    return points
