@@ -76,7 +76,8 @@ class CadModel:
             fitted[i] = replace(fitted[i], primitive=self._changed(name, parameters))
         solid = reassemble(self.frame, fitted, self.topology)
         if not solid.gate.passed:
-            raise AssemblyError(f"{self.name}: the changed surfaces do not close to a valid solid ({solid.gate.reason})")
+            reason = solid.gate.reason
+            raise AssemblyError(f"{self.name}: the changed surfaces do not close to a valid solid ({reason})")
         return replace(
             self, fitted=tuple(fitted), brep=solid.brep, face_names=face_names(solid, fitted),
             report=self.report.for_variant(solid),

@@ -64,9 +64,7 @@ def join(bodies: Sequence[BodyShape]) -> Joined:
                 inside[min(around, key=lambda k: volume(outer[k].shape))].append(body)
             else:
                 strays.append(body)
-    parts = [_hollowed(body, inside[k]) for k, body in enumerate(outer)] + [
-        (b.shape, b.regions) for b in strays
-    ]
+    parts = [_hollowed(body, inside[k]) for k, body in enumerate(outer)] + [(b.shape, b.regions) for b in strays]
     regions = tuple(region for _, own in parts for region in own)
     return Joined(compound([shape for shape, _ in parts]), regions, len(outer))
 

@@ -1,7 +1,7 @@
 """Faces with a pole inside: the top of a sphere, the tip of a cone.
 
-ShapeFix finds seams between two rings by itself, but it closes a cap only where its ring is a single edge.
-So the seam from the ring to the pole and the degenerated edge at the pole are made here.
+ShapeFix makes their seams by itself for clean rings, but once left a cone open whose ring of six edges was a
+little off its surface. So the seam from ring to pole and the degenerated edge at the pole are made here.
 """
 
 from __future__ import annotations

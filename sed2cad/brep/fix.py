@@ -86,9 +86,7 @@ def _fixed(body: Body, diagonal: float, variant: Variant) -> Fixed:
     return Fixed(shape, regions, _faults(shape) + lost)
 
 
-def _regions(
-    body: Body, copy: BRepBuilderAPI_Copy, tool: ShapeFix_Shape, shape: TopoDS_Shape
-) -> tuple[int, ...]:
+def _regions(body: Body, copy: BRepBuilderAPI_Copy, tool: ShapeFix_Shape, shape: TopoDS_Shape) -> tuple[int, ...]:
     """The region of each face of the result, from the histories of the copy and the repair."""
     regions = [-1] * len(faces(shape))
     for face, region in zip(body.faces, body.regions):

@@ -9,9 +9,7 @@ from sed2cad.brep.kernel import Array
 from sed2cad.geometry.curves import TURN
 from sed2cad.primitives.bspline import BSplineSurface
 
-Net = tuple[
-    Array, Array, Array, bool
-]  # control net (nu, nv, 3), knots u, knots v (clamped), whether u closes
+Net = tuple[Array, Array, Array, bool]  # control net (nu, nv, 3), knots u, knots v (clamped), whether u closes
 
 _PER_SPAN = 4  # samples per knot span about an axis, where the surface is not a spline by itself
 _LEAST = 48  # samples around: the cubic through them is 1e-6 of the radius off

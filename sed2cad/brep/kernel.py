@@ -105,9 +105,7 @@ def volume(shape: TopoDS_Shape) -> float:
 
 def largest_tolerance(shape: TopoDS_Shape) -> float:
     """The largest tolerance of an edge or vertex."""
-    values = [BRep_Tool.Tolerance_s(e) for e in edges(shape)] + [
-        BRep_Tool.Tolerance_s(v) for v in vertices(shape)
-    ]
+    values = [BRep_Tool.Tolerance_s(e) for e in edges(shape)] + [BRep_Tool.Tolerance_s(v) for v in vertices(shape)]
     return max(values, default=0.0)
 
 

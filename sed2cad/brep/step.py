@@ -59,9 +59,7 @@ def read_face_names(path: Path) -> tuple[str, ...]:
     reader = _read(path, "mm")
     transfer = reader.WS().TransferReader()
     items = [transfer.EntityFromShapeResult(face, 1) for face in faces(reader.OneShape())]
-    return tuple(
-        item.Name().ToCString() if isinstance(item, StepShape_AdvancedFace) else "" for item in items
-    )
+    return tuple(item.Name().ToCString() if isinstance(item, StepShape_AdvancedFace) else "" for item in items)
 
 
 def _read(path: Path, unit: str) -> STEPControl_Reader:

@@ -51,11 +51,7 @@ def surface_of(primitive: Primitive, placement: Placement, points: Array) -> Geo
     if isinstance(primitive, Torus):
         return Geom_ToroidalSurface(frame, primitive.major_radius, primitive.minor_radius)
     if isinstance(primitive, BSplineSurface):
-        net = (
-            clamped_net(primitive)
-            if primitive.base == "plane"
-            else around_axis(primitive, placement.x, points)
-        )
+        net = clamped_net(primitive) if primitive.base == "plane" else around_axis(primitive, placement.x, points)
         return _bspline_surface(*net)
     raise TypeError(f"no surface for a {primitive.kind}")
 

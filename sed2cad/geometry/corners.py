@@ -46,9 +46,7 @@ def solve_corner(
     return corner
 
 
-def _gauss_newton(
-    start: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]], rank: float
-) -> Corner:
+def _gauss_newton(start: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]], rank: float) -> Corner:
     """The solution in the directions whose singular values are above the share `rank` of the largest."""
     position = start.copy()
     small = 1e-8 if any(side.free for side in sides) else 1e-12
@@ -67,9 +65,7 @@ def _gauss_newton(
     return Corner(position, float(distances.max()), float(np.abs(values).max()), moved)
 
 
-def _residuals(
-    position: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]]
-) -> tuple[Array, Array]:
+def _residuals(position: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]]) -> tuple[Array, Array]:
     """Lengths (m,) that vanish at the corner, and their gradients (m, 3)."""
     here = position[None]
     values = [float(side.primitive.distance(here)[0]) for side in sides]

@@ -143,9 +143,7 @@ class Ellipse(Curve):
         return replace(self, axis=-self.axis)
 
     def scaled(self, scale: float, origin: Array) -> Ellipse:
-        return Ellipse(
-            scale * self.centre + origin, self.axis, self.x, scale * self.major, scale * self.minor
-        )
+        return Ellipse(scale * self.centre + origin, self.axis, self.x, scale * self.major, scale * self.minor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,9 +229,7 @@ def arc_through(curve: Curve, points: Array, closed: bool) -> Arc:
     """
     if isinstance(curve, Interpolated):
         return Arc(curve, 0.0, curve.length)
-    sweep = (
-        _sweep(curve, points, closed) if curve.angular else float(np.ptp(curve.parameters(points[[0, -1]])))
-    )
+    sweep = _sweep(curve, points, closed) if curve.angular else float(np.ptp(curve.parameters(points[[0, -1]])))
     if _runs_back(curve, points, sweep):
         curve, sweep = curve.reversed(), abs(sweep)
     first = float(curve.parameters(points[:1])[0])

@@ -69,9 +69,7 @@ class Layout:
     def in_world(self, frame: Frame) -> Layout:
         """From the unit frame to world coordinates."""
         scale, origin = frame.scale, frame.origin
-        edges = tuple(
-            replace(e, arc=e.arc.scaled(scale, origin), residual=scale * e.residual) for e in self.edges
-        )
+        edges = tuple(replace(e, arc=e.arc.scaled(scale, origin), residual=scale * e.residual) for e in self.edges)
         faces = tuple(
             replace(
                 f,

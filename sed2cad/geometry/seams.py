@@ -133,15 +133,11 @@ def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) ->
     primitive = draft.primitive(region)
     up = sum(turns) * draft.fitted[draft.topology.regions[region].primitive].sign > 0
     if not (isinstance(primitive, Sphere) or (isinstance(primitive, Cone) and not up)):
-        raise AssemblyError(
-            f"a {primitive.kind} face is open on one side: the face that closes it is missing"
-        )
+        raise AssemblyError(f"a {primitive.kind} face is open on one side: the face that closes it is missing")
     rings = [k for k, turn in enumerate(turns) if turn]
     if len(rings) > 1:
         return None
-    ends = sorted(
-        {v for e, _ in draft.loops[region][rings[0]] for v in (draft.edges[e].start, draft.edges[e].end)}
-    )
+    ends = sorted({v for e, _ in draft.loops[region][rings[0]] for v in (draft.edges[e].start, draft.edges[e].end)})
     off = np.abs(turning.angles(np.array([draft.vertices[v] for v in ends])))
     return Pole(rings[0], ends[int(off.argmin())], up)
 
@@ -234,9 +230,7 @@ def _bring_to_zero(draft: Draft, region: int, k: int, angles: Callable[[Array], 
         arc = draft.edges[edge].arc
         at = np.linspace(arc.first, arc.last, 97)
         values = angles(arc.curve.at(at))
-        crossing = np.flatnonzero(
-            (values[:-1] * values[1:] <= 0) & (np.abs(values[:-1] - values[1:]) < np.pi)
-        )
+        crossing = np.flatnonzero((values[:-1] * values[1:] <= 0) & (np.abs(values[:-1] - values[1:]) < np.pi))
         if len(crossing):
             found = _root(arc.curve, angles, at[crossing[0]], at[crossing[0] + 1])
             if draft.edges[edge].start < 0:

@@ -119,7 +119,8 @@ def _topology(entry: dict[str, Any], frame: Frame, names: tuple[str, ...]) -> To
         return frame.to_unit(np.array(points, float).reshape(-1, 3))
 
     chains = tuple(
-        Chain(unit(c["points"]), int(c["left"]), int(c["right"]), int(c["start"]), int(c["end"])) for c in entry["chains"]
+        Chain(unit(c["points"]), int(c["left"]), int(c["right"]), int(c["start"]), int(c["end"]))
+        for c in entry["chains"]
     )
     regions = tuple(
         Region(

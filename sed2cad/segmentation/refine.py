@@ -64,7 +64,7 @@ class Refiner:
     # the steps -------------------------------------------------------------------------------------------
 
     def start(self, proposals: list[Labels]) -> State:
-        """First labels: every point takes, among the clusters that it was proposed in, the one that explains it best."""
+        """First labels: every point takes the proposed cluster that explains it best."""
         labels = np.full(self.graph.size, UNEXPLAINED)
         least = np.full(self.graph.size, self.tolerances.cap)
         primitives: list[Choice] = []
@@ -112,7 +112,7 @@ class Refiner:
         pieces = self.graph.components(state.labels[i] == state.labels[j])
         size = np.bincount(pieces)
         keep = (size[pieces] >= FEWEST) & (state.labels >= 0)
-        kept, labels = np.unique(pieces[keep], return_inverse=True)
+        labels = np.unique(pieces[keep], return_inverse=True)[1]
         first = state.labels[keep][np.unique(labels, return_index=True)[1]]
         out = np.full(self.graph.size, UNEXPLAINED)
         out[keep] = labels

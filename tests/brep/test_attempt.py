@@ -60,8 +60,9 @@ def test_every_face_knows_its_region(name: str) -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.005])
-def test_a_saddle_edge_is_close(noise: float) -> None:
-    solid, truth = shape("crossing_pipes", noise), part("crossing_pipes")
+@pytest.mark.parametrize("name", ["crossing_pipes", "pencil"])
+def test_edges_that_are_no_simple_curves_are_close(name: str, noise: float) -> None:
+    solid, truth = shape(name, noise), part(name)
     assert is_valid(solid)
     assert volume(solid) == pytest.approx(truth.volume, rel=1e-6)
     assert area(solid) == pytest.approx(truth.area, rel=1e-6)

@@ -11,16 +11,9 @@ import numpy as np
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeSphere
 from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 
-from sed2cad.brep import solid as solid_module
-from sed2cad.brep.fix import fix
 from sed2cad.brep.kernel import face_numbers, faces
 from sed2cad.brep.measure import tessellate
-from sed2cad.brep.solid import build_bodies
 from sed2cad.brep.step import read_step, write_step
-from sed2cad.geometry.layout import Draft
-from sed2cad.geometry.realise import realise
-from sed2cad.geometry.seams import place
-from tests.geometry import parts
 
 
 def test_equal_shapes_are_not_equal() -> None:
@@ -55,17 +48,6 @@ def test_the_step_writer_counts_products_up(tmp_path: Path) -> None:
         writer.Write(str(tmp_path / f"{k}.step"))
         texts.append((tmp_path / f"{k}.step").read_text().split("DATA;")[1])
     assert texts[0] != texts[1]
-
-
-def test_shape_fix_does_not_close_every_cap(monkeypatch) -> None:
-    """It leaves out seam and tip where the ring is no circle about the axis, so `cap_edges` makes them."""
-    part = parts.pencil()
-    layout = place(Draft(realise(part.topology, part.fitted), part.fitted))
-    (body,) = build_bodies(layout)
-    assert fix(body, 1.0, "full").faults == 0
-    monkeypatch.setattr(solid_module, "cap_edges", lambda *_: [])
-    (body,) = build_bodies(layout)
-    assert fix(body, 1.0, "full").faults > 0
 
 
 def test_a_tessellation_is_coarser_than_asked_for() -> None:

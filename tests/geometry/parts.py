@@ -113,9 +113,7 @@ class Builder:
             loops = tuple(tuple(loop) for loop in self.loops[r])
             points = [chains[k].points for loop in loops for k, _ in loop] or [unit.project(_everywhere())]
             body = bodies[r] if bodies else 0
-            regions.append(
-                Region(r, loops, np.vstack(points), area / frame.scale**2 / len(self.primitives), body)
-            )
+            regions.append(Region(r, loops, np.vstack(points), area / frame.scale**2 / len(self.primitives), body))
         topology = Topology(tuple(regions), chains, corners, volume / frame.scale**3)
         kinds = tuple(p.kind for p, _ in self.primitives)
         return Part(topology, tuple(fitted), volume, area, kinds, frame)

@@ -78,6 +78,4 @@ def test_crossing_touching_resting() -> None:
     assert meeting(shallow, cylinder, _chain(np.radians(13))) == "crossing"
     assert meeting(cylinder, cylinder, _chain(0.3)) == "resting"
     draft = Side(Plane(np.array([np.sin(0.1), 0.0, np.cos(0.1)]), 0.1), 1)
-    assert (
-        meeting(Side(Plane(Z, 0.1), 1), draft, np.outer(np.linspace(0, 0.3, 20), Y) + 0.1 * Z) == "crossing"
-    )
+    assert meeting(Side(Plane(Z, 0.1), 1), draft, np.outer(np.linspace(0, 0.3, 20), Y) + 0.1 * Z) == "crossing"

@@ -26,9 +26,7 @@ def test_all_coaxial_edges_start_on_one_seam() -> None:
     placement = shaft.faces[0].placement
     starts = np.array([shaft.vertices[edge.start] for edge in shaft.edges]) - placement.origin
     across = starts - (starts @ placement.z)[:, None] * placement.z
-    assert across / np.linalg.norm(across, axis=1, keepdims=True) == pytest.approx(
-        np.tile(placement.x, (4, 1))
-    )
+    assert across / np.linalg.norm(across, axis=1, keepdims=True) == pytest.approx(np.tile(placement.x, (4, 1)))
 
 
 def test_a_partial_patch_keeps_its_seam_behind_it() -> None:
@@ -76,21 +74,15 @@ def test_a_winding_loop_of_several_edges_is_cut_where_the_seam_is() -> None:
     b.ring(parts.circle((0, 0, 0), Z, 10.0), side, bottom)
     p, q = b.corner(10, 0, 20), b.corner(-10, 0, 20)
     half = np.linspace(0, np.pi, 30)
-    there = b.chain(
-        np.column_stack([10 * np.cos(half), 10 * np.sin(half), np.full(30, 20.0)]), low, side, p, q
-    )
-    back = b.chain(
-        np.column_stack([-10 * np.cos(half), -10 * np.sin(half), np.full(30, 20.0)]), high, side, q, p
-    )
+    there = b.chain(np.column_stack([10 * np.cos(half), 10 * np.sin(half), np.full(30, 20.0)]), low, side, p, q)
+    back = b.chain(np.column_stack([-10 * np.cos(half), -10 * np.sin(half), np.full(30, 20.0)]), high, side, q, p)
     across = b.line(q, p, low, high)
     b.loop(low, (there, 1), (across, 1))
     b.loop(high, (back, 1), (across, -1))
     b.loop(side, (back, -1), (there, -1))
     found = layout(b.part(2000 * np.pi, 1.0))
     seam = found.faces[0].placement.x
-    on_seam = [
-        np.arctan2(np.cross(Z, seam) @ v, seam @ v) for v in found.vertices - found.faces[0].placement.origin
-    ]
+    on_seam = [np.arctan2(np.cross(Z, seam) @ v, seam @ v) for v in found.vertices - found.faces[0].placement.origin]
     assert sum(abs(a) < 1e-6 for a in on_seam) == 2  # one on each ring
 
 
