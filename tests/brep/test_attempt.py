@@ -13,6 +13,7 @@ from sed2cad.brep.attempt import Attempt, Options, assemble
 from sed2cad.brep.gate import Limits
 from sed2cad.brep.kernel import faces, from_bytes, is_closed, is_valid, largest_tolerance, solids, volume
 from sed2cad.errors import AssemblyError
+from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.scan.scan import Frame
 from tests.brep.made import part, result, shape
 from tests.geometry import parts
@@ -118,6 +119,7 @@ def test_a_changed_radius_is_a_variant() -> None:
 
     given = part("box_with_hole")
     hole = given.fitted[6].primitive
+    assert isinstance(hole, Cylinder)
     wider = replace(given.fitted[6], primitive=replace(hole, radius=1.25 * hole.radius))
     unknown = replace(given.topology, volume=float("nan"))
     fitted = (*given.fitted[:6], wider)

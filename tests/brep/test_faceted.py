@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
@@ -12,7 +14,7 @@ from sed2cad.errors import AssemblyError
 from sed2cad.scan.scan import Frame, Mesh
 
 
-def attempt(mesh: trimesh.Trimesh, merge: bool = True) -> FacetedAttempt:
+def attempt(mesh: Any, merge: bool = True) -> FacetedAttempt:
     """The mesh in its unit frame."""
     low, high = mesh.bounds
     frame = Frame((low + high) / 2, float(np.linalg.norm(high - low)))
