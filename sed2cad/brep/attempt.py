@@ -16,6 +16,7 @@ from sed2cad.brep.gate import Checked, Expected, GateResult, Limits, check
 from sed2cad.brep.kernel import Array, to_bytes
 from sed2cad.brep.solid import build_bodies
 from sed2cad.errors import AssemblyError
+from sed2cad.geometry.extend import widened
 from sed2cad.geometry.layout import Draft
 from sed2cad.geometry.realise import realise
 from sed2cad.geometry.seams import place
@@ -96,7 +97,8 @@ def assemble(attempt: Attempt) -> AssemblyResult:
     AssemblyError where a face is open or nothing can be built.
     """
     topology, frame = attempt.topology, attempt.frame
-    draft = Draft(realise(topology, attempt.fitted), attempt.fitted)
+    fitted = [widened(patch) for patch in attempt.fitted]
+    draft = Draft(realise(topology, fitted), fitted)
     layout = place(draft).in_world(frame)
     hollow = cavities(layout, [region.area for region in topology.regions])
     bodies = build_bodies(layout)

@@ -59,6 +59,14 @@ def _gauss_newton(start: Array, sides: Sequence[Side], tangent: Sequence[tuple[S
         position = position - step * min(1.0, _LONGEST_STEP / max(length, 1e-300))
         if length < small:
             break
+    found, given = (_corner(at, start, sides, tangent) for at in (position, start))
+    return found if found.residual <= given.residual else given
+
+
+def _corner(
+    position: Array, start: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]]
+) -> Corner:
+    """A corner at `position` (3,), measured."""
     values, _ = _residuals(position, sides, tangent)
     distances = np.abs(values[: len(sides)])
     moved = float(np.linalg.norm(position - start))

@@ -18,6 +18,7 @@ _FAR = 0.05  # unit frame: chain points that would move farther are not trusted
 _CONVERGED = 1e-4  # and so are those that did not get onto crossing surfaces
 _NEAR = 0.02  # a closed-form curve lies this near to the chain on average
 _ENDS = 2e-3  # and this near to the chain's corners
+_ASTRAY = 3e-3  # a worse curve may be no better than the traced chain itself
 _SMOOTH = 1e-5  # interpolated curves get more points until they are this near to both surfaces
 
 
@@ -36,9 +37,18 @@ def edge_geometry(chain: Chain, a: Side, b: Side, how: Meeting, corners: Array) 
         points = between(points, corners[chain.start], corners[chain.end])
     points = resampled(points, int(np.clip(len(points), 12, 72)), chain.closed)
     curve = _closed_form(a, b, points, how, chain.closed)
-    if curve is None:
-        curve, points = _numeric(a, b, points, how, chain.closed)
-    arc = arc_through(curve, points, chain.closed)
+    if curve is not None:
+        return _measured(a, b, curve, points, chain.closed)
+    found = _measured(a, b, *_numeric(a, b, points, how, chain.closed), chain.closed)
+    if found.residual < _ASTRAY:
+        return found
+    traced = _measured(a, b, Interpolated(points, chain.closed), points, chain.closed)
+    return min(found, traced, key=lambda edge: edge.residual)
+
+
+def _measured(a: Side, b: Side, curve: Curve, points: Array, closed: bool) -> EdgeGeometry:
+    """The arc of a curve along points (n, 3), and how far it is off its surfaces."""
+    arc = arc_through(curve, points, closed)
     samples = arc.sampled(4 * len(points) + 1)
     return EdgeGeometry(arc, float(off_surfaces(a, b, samples).max()))
 

@@ -11,6 +11,7 @@ from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.torus import Torus
 from sed2cad.primitives.vectors import tangent_frame
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.mincut import Labels
@@ -21,10 +22,10 @@ _LEAST_TRIANGLES = 3
 _NEAR_APEX = 0.02  # unit frame: a cone's region may end at its apex
 
 
-def turns(primitive: Cylinder | Cone, region: Region, chains: Sequence[Chain]) -> float:
+def turns(primitive: Cylinder | Cone | Torus, region: Region, chains: Sequence[Chain]) -> float:
     """How often the loops of a region go around the axis, in all; 0 when nothing is missing."""
     x, y = tangent_frame(primitive.axis)
-    origin = primitive.apex if isinstance(primitive, Cone) else primitive.point
+    origin = _origin(primitive)
     total = 0.0
     for loop in region.loops:
         for index, direction in loop:
@@ -54,10 +55,16 @@ def missing_cap(
     return None
 
 
+def _origin(primitive: Cylinder | Cone | Torus) -> Array:
+    """A point (3,) of the axis."""
+    if isinstance(primitive, Torus):
+        return primitive.centre
+    return primitive.apex if isinstance(primitive, Cone) else primitive.point
+
+
 def _heights(primitive: Cylinder | Cone, points: Array) -> Array:
     """Positions (n,) along the axis."""
-    origin = primitive.apex if isinstance(primitive, Cone) else primitive.point
-    return np.asarray((points - origin) @ primitive.axis)
+    return np.asarray((points - _origin(primitive)) @ primitive.axis)
 
 
 def _loop_height(primitive: Cylinder | Cone, face: Region, topology: Topology) -> float:
@@ -85,8 +92,7 @@ def _cap(
         return None
     height = float(np.median(heights[on_cap]))
     normal = facing * primitive.axis
-    origin = primitive.apex if isinstance(primitive, Cone) else primitive.point
-    return Plane(normal, float(normal @ (origin + height * primitive.axis))), triangles[on_cap]
+    return Plane(normal, float(normal @ (_origin(primitive) + height * primitive.axis))), triangles[on_cap]
 
 
 def _as_patch(plane: Plane, triangles: Labels, scan: Scan, mesh: Mesh) -> FittedPatch:

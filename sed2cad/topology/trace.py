@@ -12,6 +12,7 @@ from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.topology.caps import missing_cap
 from sed2cad.topology.chains import build_topology
+from sed2cad.topology.closing import closable
 from sed2cad.topology.labelling import Adjacency, adjacency, data_costs, label_triangles
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.model import Topology
@@ -62,7 +63,7 @@ def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacenc
         labels[triangles] = len(fitted)
         fitted = [*fitted, cap]
         topology, region = _topology(mesh, near, labels)
-    return Traced(topology, fitted, mesh, region)
+    return Traced(topology, closable(scan, topology, fitted), mesh, region)
 
 
 def _topology(mesh: Mesh, near: Adjacency, labels: Labels) -> tuple[Topology, Labels]:

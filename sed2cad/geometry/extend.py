@@ -1,0 +1,74 @@
+"""Free-form patches continued beyond their borders, so that edges and corners with their neighbours lie on them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import NdBSpline, make_interp_spline
+
+from sed2cad.geometry.curves import Array
+from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.bspline import DEGREE, BSplineSurface, greville
+
+_REACH = 0.04  # unit frame: by how much a patch grows on each side
+
+
+def widened(fitted: FittedPatch) -> FittedPatch:
+    """The fitted patch, a free-form one continued straight on beyond its borders."""
+    if not isinstance(fitted.primitive, BSplineSurface):
+        return fitted
+    return replace(fitted, primitive=extended(fitted.primitive, _REACH))
+
+
+def extended(patch: BSplineSurface, reach: float) -> BSplineSurface:
+    """The patch continued by `reach` (lengths) on each side, with the slope of its border.
+
+    About an axis it grows along the axis only. Within the old borders it changes by what a cubic makes of the
+    change of curvature there.
+    """
+    flat = patch.base == "plane"
+    knots_u = _longer(patch.knots_u, reach) if flat else patch.knots_u
+    knots_v = _longer(patch.knots_v, reach)
+    if not flat:
+        return replace(patch, knots_v=knots_v, heights=_along_v(patch, knots_v))
+    u, v = _abscissae(knots_u), _abscissae(knots_v)
+    grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    heights = _continued(patch, grid).reshape(len(u), len(v))
+    columns = make_interp_spline(u, heights, k=DEGREE, t=knots_u).c
+    rows = make_interp_spline(v, columns.T, k=DEGREE, t=knots_v).c
+    return replace(patch, knots_u=knots_u, knots_v=knots_v, heights=np.ascontiguousarray(rows.T))
+
+
+def _longer(knots: Array, reach: float) -> Array:
+    """Clamped knots with two more spans on each side."""
+    low, high = float(knots[DEGREE]), float(knots[-DEGREE - 1])
+    inner = knots[DEGREE + 1 : -DEGREE - 1]
+    start, end = low - reach, high + reach
+    more = [low - reach / 2, low], [high, high + reach / 2]
+    return np.concatenate([[start] * (DEGREE + 1), more[0], inner, more[1], [end] * (DEGREE + 1)])
+
+
+def _abscissae(knots: Array) -> Array:
+    """Greville abscissae (n,), kept within the knots in spite of rounding."""
+    return np.clip(greville(knots), knots[DEGREE], knots[-DEGREE - 1])
+
+
+def _continued(patch: BSplineSurface, uv: Array) -> Array:
+    """Heights (n,) at parameters (n, 2), straight on outside the domain."""
+    low, high = patch.domain
+    inside = np.clip(uv, low, high)
+    over = uv - inside
+    spline = NdBSpline((patch.knots_u, patch.knots_v), patch.heights, DEGREE)
+    slopes = np.column_stack([spline(inside, nu=(1, 0)), spline(inside, nu=(0, 1))])
+    return np.asarray(spline(inside) + np.einsum("ij,ij->i", over, slopes))
+
+
+def _along_v(patch: BSplineSurface, knots_v: Array) -> Array:
+    """Control radii (nu, m) of a patch about an axis over longer knots along it, row by row."""
+    v = _abscissae(knots_v)
+    low, high = patch.knots_v[DEGREE], patch.knots_v[-DEGREE - 1]
+    inside = np.clip(v, low, high)
+    along = NdBSpline((patch.knots_v,), patch.heights.T, DEGREE)
+    values = along(inside[:, None]) + (v - inside)[:, None] * along(inside[:, None], nu=(1,))
+    return np.ascontiguousarray(make_interp_spline(v, values, k=DEGREE, t=knots_v).c.T)

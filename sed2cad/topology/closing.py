@@ -1,0 +1,56 @@
+"""Faces that their surface cannot close: a ring around a torus or a cylinder with nothing on its other side.
+
+Where no cap was missed, the surface is the wrong one: a dome that was taken for a piece of a torus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sed2cad.fitting import fit
+from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.cone import Cone
+from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.torus import Torus
+from sed2cad.scan.scan import Scan
+from sed2cad.topology.caps import turns
+from sed2cad.topology.model import Region, Topology
+
+_WORSE = 2.0  # times the rms of the wrong surface that a sphere may have
+_FINEST = 1e-4  # unit frame: rms that is always good enough
+
+
+def closable(scan: Scan, topology: Topology, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
+    """The patches, those under faces that cannot close refitted as a sphere or, at worst, a B-spline."""
+    patches = list(fitted)
+    for number in sorted({face.primitive for face in topology.regions if _is_open(face, topology, fitted)}):
+        patches[number] = _domed(scan, fitted[number])
+    return patches
+
+
+def _is_open(face: Region, topology: Topology, fitted: Sequence[FittedPatch]) -> bool:
+    """Whether the loops of a face go around its axis without coming back, and no apex lies inside."""
+    patch = fitted[face.primitive]
+    if not face.loops or not isinstance(patch.primitive, Cylinder | Cone | Torus):
+        return False
+    around = turns(patch.primitive, face, topology.chains)
+    has_apex = isinstance(patch.primitive, Cone) and around * patch.sign < 0
+    return abs(around) > 0.5 and not has_apex
+
+
+def _domed(scan: Scan, patch: FittedPatch) -> FittedPatch:
+    points, normals = scan.points[patch.patch.indices], scan.normals[patch.patch.indices]
+    for kind in ("sphere", "bspline"):
+        found = fit(kind, points, normals, scan.noise) if len(points) > 6 else None
+        if found is None:
+            continue
+        primitive, rms, covariance = found
+        if kind == "sphere" and rms > max(_WORSE * patch.rms, _FINEST):
+            continue
+        agreement = np.einsum("ij,ij->i", primitive.normal(points), normals)
+        sign = 1 if np.median(agreement) >= 0 else -1
+        return FittedPatch(replace(patch.patch, kind=kind), primitive, sign, rms, covariance)
+    return patch
