@@ -68,13 +68,14 @@ LADDER = (
 def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done: Done) -> Assembly:
     """The first rung of the ladder that passes the gate; at its end the faceted proxy.
 
-    AssemblyError when nothing closes.
+    What comes back may be open or invalid where even that fails (its gate says so). AssemblyError when nothing at
+    all could be built.
     """
     failures: list[str] = []
     proxies: dict[bool, Mesh] = {}
     start = time.perf_counter()
     for rung in LADDER:
-        if time.perf_counter() - start > settings.exact_seconds:
+        if proxies and time.perf_counter() - start > settings.exact_seconds:
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
         try:
@@ -118,19 +119,24 @@ def _attempt(
 def _facets(
     scan: Scan, proxy: Mesh, fitted: Sequence[FittedPatch], settings: Settings, failures: list[str], done: Done
 ) -> Assembly:
-    """The last rung: the proxy mesh as a solid of planar faces."""
+    """The last rung: the proxy mesh as a solid of planar faces; at worst an open or invalid shell of them."""
     options = Options(limits=_limits(scan, settings))
+    nothing = Topology((), (), np.zeros((0, 3)), proxy.volume())
+    best: Assembly | None = None
     for count in FACET_COUNTS:
         attempt = FacetedAttempt(decimate(proxy, count), scan.frame, scan.points, options)
         outcome = run_isolated(faceted_solid, attempt, settings.attempt_seconds)
         reason = _fault(outcome)
         done("assemble", f"{FACETS}: {reason or 'closed'}")
-        if isinstance(outcome, AssemblyResult) and outcome.gate.closed and outcome.gate.valid:
-            nothing = Topology((), (), np.zeros((0, 3)), proxy.volume())
+        if isinstance(outcome, AssemblyResult):
             names = face_names(outcome, fitted)
-            return Assembly(tuple(fitted), nothing, outcome, names, FACETS, tuple(failures))
+            best = Assembly(tuple(fitted), nothing, outcome, names, FACETS, tuple(failures))
+            if outcome.gate.closed and outcome.gate.valid:
+                return best
         failures.append(f"{FACETS}: {reason}")
-    raise AssemblyError(f"no closed solid could be built ({failures[-1]})")
+    if best is None:
+        raise AssemblyError(f"no closed solid could be built ({failures[-1]})")
+    return best
 
 
 def reassemble(frame: Frame, fitted: Sequence[FittedPatch], topology: Topology) -> AssemblyResult:

@@ -1,0 +1,68 @@
+"""The ladder: what happens when the better rungs fail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import sed2cad
+from sed2cad import assembly
+from sed2cad.brep.attempt import assemble_faceted
+from sed2cad.brep.worker import Failure
+from sed2cad.errors import AssemblyError
+from sed2cad.scan.raw import RawScan
+from tests.segmentation.shapes import box
+
+Job = Callable[[Any], Any]
+
+
+def box_scan() -> RawScan:
+    points, normals, _ = box((30.0, 20.0, 10.0), 2000)
+    return RawScan(points, normals, name="box")
+
+
+def kernel(monkeypatch: pytest.MonkeyPatch, faceted: Job) -> None:
+    """A kernel on which every exact attempt crashes and facets are made by `faceted`."""
+
+    def run(job: Job, payload: Any, timeout: float) -> Any:
+        return faceted(payload) if job is assemble_faceted else Failure("crash", "the CAD kernel crashed")
+
+    monkeypatch.setattr(assembly, "run_isolated", run)
+
+
+def test_facets_are_the_last_rung_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel(monkeypatch, assemble_faceted)
+    model = sed2cad.reconstruct(box_scan())
+    assert model.report.closed and model.report.rung == "facets" and model.report.exact_faces == 0
+    assert model.report.reason.count("the CAD kernel crashed") == len(assembly.LADDER)
+    assert any("facets" in warning for warning in model.report.warnings)
+    assert model.solid.volume == pytest.approx(6000, rel=0.02)
+    with pytest.raises(sed2cad.errors.UsageError, match="facets"):
+        model.vary(plane_1={"offset": 1.0})
+
+
+def test_an_open_shell_is_kept_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    def opened(payload: Any) -> Any:
+        made = assemble_faceted(payload)
+        return replace(made, gate=replace(made.gate, closed=False, passed=False, reason="the shell is not closed"))
+
+    kernel(monkeypatch, opened)
+    report = sed2cad.reconstruct(box_scan()).report
+    assert not report.closed
+    assert any("the shell is not closed" in warning for warning in report.warnings)
+
+
+def test_nothing_at_all_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel(monkeypatch, lambda payload: Failure("timeout", "the CAD kernel did not finish"))
+    with pytest.raises(AssemblyError, match="did not finish"):
+        sed2cad.reconstruct(box_scan())
+
+
+def test_no_new_attempt_after_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel(monkeypatch, assemble_faceted)
+    model = sed2cad.reconstruct(box_scan(), sed2cad.Settings(exact_seconds=1e-9))
+    assert "not tried" in model.report.reason
+    assert model.report.rung == "facets"
