@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from sed2cad.settings import Settings
 from sed2cad.topology.faceted import decimate
 from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import smooth_proxy
-from sed2cad.topology.trace import trace
+from sed2cad.topology.trace import Traced, trace
 
 Done = Callable[[str, str], None]
 
@@ -72,33 +72,48 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
     all could be built.
     """
     failures: list[str] = []
-    proxies: dict[bool, Mesh] = {}
+    tracer = Tracer(scan, fitted)
     start = time.perf_counter()
     for rung in LADDER:
-        if proxies and time.perf_counter() - start > settings.exact_seconds:
+        if tracer.proxies and time.perf_counter() - start > settings.exact_seconds:
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
         try:
-            found, reason = _attempt(scan, fitted, rung, proxies, settings, done)
+            found, reason = _attempt(rung, tracer, settings, done)
         except AssemblyError as error:
             found, reason = None, str(error)
         done("assemble", f"{rung.name}: {reason or 'closed'}")
         if found is not None and not reason:
             return replace(found, failures=tuple(failures))
         failures.append(f"{rung.name}: {reason}")
-    if not proxies:
+    if not tracer.proxies:
         raise AssemblyError(f"no closed surface could be laid through the scan ({failures[-1]})")
-    return _facets(scan, next(iter(proxies.values())), fitted, settings, failures, done)
+    return _facets(scan, next(iter(tracer.proxies.values())), fitted, settings, failures, done)
 
 
-def _attempt(
-    scan: Scan, fitted: Sequence[FittedPatch], rung: Rung, proxies: dict[bool, Mesh], settings: Settings, done: Done
-) -> tuple[Assembly | None, str]:
+@dataclass
+class Tracer:
+    """Traces the patches for one rung after another; nothing is made twice."""
+
+    scan: Scan
+    fitted: Sequence[FittedPatch]
+    proxies: dict[bool, Mesh] = field(default_factory=dict)  # by Rung.smooth
+    traces: dict[tuple[bool, float], Traced] = field(default_factory=dict)  # by Rung.smooth and Rung.smoothness
+
+    def trace(self, rung: Rung) -> Traced:
+        """The topology for a rung. AssemblyError when there is none."""
+        key = rung.smooth, rung.smoothness
+        if key not in self.traces:
+            if rung.smooth and rung.smooth not in self.proxies:
+                self.proxies[rung.smooth] = smooth_proxy(self.scan, self.fitted)
+            self.traces[key] = trace(self.scan, self.fitted, rung.smoothness, self.proxies.get(rung.smooth))
+            self.proxies[rung.smooth] = self.traces[key].proxy
+        return self.traces[key]
+
+
+def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> tuple[Assembly | None, str]:
     """One rung: the assembly and why it is not good enough (empty when it is)."""
-    if rung.smooth and rung.smooth not in proxies:
-        proxies[rung.smooth] = smooth_proxy(scan, fitted)
-    traced = trace(scan, fitted, rung.smoothness, proxies.get(rung.smooth))
-    proxies[rung.smooth] = traced.proxy
+    scan, traced = tracer.scan, tracer.trace(rung)
     patches = list(traced.fitted)
     constraints: list[Constraint] = []
     if rung.regular:

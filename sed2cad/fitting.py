@@ -144,8 +144,7 @@ def _fit_patch(scan: Scan, patch: Patch) -> FittedPatch:
         chosen = select(points, normals, scan.noise) if len(points) >= 3 else None
         found = (chosen.primitive, chosen.rms, chosen.covariance) if chosen else _any_plane(points, normals)
     primitive, rms, covariance = found
-    agreement = np.einsum("ij,ij->i", primitive.normal(points), normals)
-    return FittedPatch(patch, primitive, 1 if np.median(agreement) >= 0 else -1, rms, covariance)
+    return FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
 
 
 def _any_plane(points: Array, normals: Array) -> tuple[Primitive, float, Array]:

@@ -39,6 +39,10 @@ class Primitive(ABC):
         """Foot points (n, 3) on the surface."""
         return points - self.distance(points)[:, None] * self.normal(points)
 
+    def side(self, points: Array, normals: Array) -> int:
+        """+1 where the normals (n, 3) at points (n, 3) mostly agree with the primitive's, -1 where they oppose."""
+        return 1 if np.median(np.einsum("ij,ij->i", self.normal(points), normals)) >= 0 else -1
+
     @abstractmethod
     def moved(self, delta: Array) -> Self:
         """The primitive changed by delta (freedom,) in its local chart."""

@@ -72,6 +72,5 @@ def _fit(kind: str, points: Array, normals: Array, tolerances: Tolerances) -> Ch
 
 
 def _rate(primitive: Primitive, points: Array, normals: Array, tolerances: Tolerances) -> Choice:
-    cosine = np.einsum("ij,ij->i", primitive.normal(points), normals)
-    sign = 1 if np.median(cosine) >= 0 else -1
+    sign = primitive.side(points, normals)
     return Choice(primitive, sign, float(data_cost(primitive, sign, points, normals, tolerances).sum()))

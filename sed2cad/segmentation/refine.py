@@ -42,7 +42,6 @@ class Refiner:
         self.freeform = np.zeros(len(points)) if freeform is None else freeform
         self.points, self.normals, self.graph, self.tolerances = points, normals, graph, tolerances
         self.adjacency: csr_matrix = graph.adjacency()
-        self.place = graph.place
         self.chosen: dict[Key, Choice | None] = {}  # what sets of points have chosen before
         self.apart: set[tuple[Key, Key]] = set()  # pairs of patches that did not want to be one
         self.near = cKDTree(points).query_pairs(2.5 * graph.spacing, output_type="ndarray")
@@ -160,7 +159,7 @@ class Refiner:
     def _samples(self, members: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The set itself, and neighbourhoods of three sizes around a few of its points."""
         samples = [members]
-        place = self.place[members]
+        place = self.graph.place[members]
         seeds = np.linspace(0, len(members) - 1, min(8, 1 + len(members) // 12)).astype(int)
         tree = cKDTree(place)
         for size in (8, 16, 40):

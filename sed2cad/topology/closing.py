@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from sed2cad.fitting import fit
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.cone import Cone
@@ -50,7 +48,6 @@ def _domed(scan: Scan, patch: FittedPatch) -> FittedPatch:
         primitive, rms, covariance = found
         if kind == "sphere" and rms > max(_WORSE * patch.rms, _FINEST):
             continue
-        agreement = np.einsum("ij,ij->i", primitive.normal(points), normals)
-        sign = 1 if np.median(agreement) >= 0 else -1
+        sign = primitive.side(points, normals)
         return FittedPatch(replace(patch.patch, kind=kind), primitive, sign, rms, covariance)
     return patch

@@ -26,11 +26,6 @@ def following(half_edge: Index) -> Index:
     return half_edge - half_edge % 3 + (half_edge + 1) % 3
 
 
-def preceding(half_edge: Index) -> Index:
-    """The half-edges before, of the same triangles."""
-    return half_edge - half_edge % 3 + (half_edge + 2) % 3
-
-
 def twins(faces: Faces) -> Index:
     """The opposite half-edge (3 f,) of each half-edge; -1 where there is none or more than one."""
     origin, target = half_edges(faces)
