@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 
 from sed2cad import __version__
 from sed2cad.errors import AssemblyError, Sed2cadError, UsageError
+from sed2cad.evaluation import commands
 
 if TYPE_CHECKING:
     from sed2cad.model import CadModel
@@ -246,22 +247,7 @@ def train_command(
         print(f"{best}: best weights")
 
 
-@evaluate.command("segmentation")
-@reported
-def segmentation_command(
-    data: Annotated[Path, typer.Argument(help="Folder that `sed2cad dataset` made.")],
-    weights: Annotated[Path | None, typer.Option(help="Weights to score. (default: those shipped)")] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Only the first of the parts.")] = None,
-    noise: Annotated[float, typer.Option(min=0, help="Noise in radii of the part; the paper's: 0.04.")] = 0.0,
-    verbose: Verbose = False,
-) -> None:
-    """Score the network's labels and patches: the paper's metrics and the strict ones."""
-    require_clouds(data)
-    from sed2cad.network.weights import load_weights
-    from sed2cad.training.evaluate import as_dict, evaluate_segmentation
-
-    for name, value in as_dict(evaluate_segmentation(data, load_weights(weights), limit, noise)).items():
-        print(f"{name:<16} {value:g}")
+evaluate.command("segmentation")(reported(commands.segmentation))
 
 
 def parse_changes(settings: list[str]) -> dict[str, dict[str, Any]]:

@@ -2,7 +2,6 @@
 
 python -m sed2cad.training.train run DATA RUN [--minutes 125] [--wall] [--threads 1]
 python -m sed2cad.training.train export RUN OUT.safetensors      the best weights so far, also while it runs
-python -m sed2cad.training.train score DATA [--weights FILE] [--noise 0.01] [--limit N]
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ import numpy as np
 import torch
 from safetensors.torch import load_file, save_file
 
+from sed2cad.evaluation.segmentation import score_network
 from sed2cad.network.affinity import PairNet
 from sed2cad.network.batch import Batch, Cloud, stack
 from sed2cad.network.sednet import Architecture, SedNet
@@ -25,7 +25,6 @@ from sed2cad.network.weights import load_weights, save_weights
 from sed2cad.training.affinity import WIDTH, train_affinity
 from sed2cad.training.augment import random_motion
 from sed2cad.training.dataset import packed_clouds
-from sed2cad.training.evaluate import as_dict, evaluate_segmentation
 from sed2cad.training.losses import Target, losses
 from sed2cad.training.pretrain import pretrain_local
 from sed2cad.training.samples import VARIANTS, Sample, load_sample
@@ -148,7 +147,7 @@ class _Run:
     def _validate(self) -> None:
         """Score the held-out parts, keep the best weights, and write the checkpoint."""
         save_weights(self.network, self.out / "last.safetensors")
-        scores = evaluate_segmentation(self.held_out, self.network.eval(), self.settings.validation_parts)
+        scores = score_network(self.held_out[: self.settings.validation_parts], self.network.eval())
         self.network.train()
         value = scores.type_accuracy + scores.p_miou_strict + scores.p_miou_large
         if value > self.best:
@@ -156,7 +155,7 @@ class _Run:
             save_weights(self.network, self.out / "best.safetensors")
         state = {"optimizer": self.optimizer.state_dict(), "step": self.step, "spent": self._elapsed()}
         torch.save({**state, "best": self.best}, self.out / "state.pt")
-        self._log(as_dict(scores))
+        self._log(scores.ratios())
 
     def _clock(self) -> float:
         return time.monotonic() if self.settings.wall else time.process_time()
@@ -237,17 +236,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     export_ = commands.add_parser("export")
     export_.add_argument("run", type=Path)
     export_.add_argument("out", type=Path)
-    score = commands.add_parser("score")
-    score.add_argument("data", type=Path)
-    score.add_argument("--weights", type=Path, default=None)
-    score.add_argument("--noise", type=float, default=0.0)
-    score.add_argument("--limit", type=int, default=None)
     given = parser.parse_args(arguments)
     if given.command == "export":
         return export(given.run, given.out)
-    if given.command == "score":
-        scores = evaluate_segmentation(given.data, load_weights(given.weights), given.limit, given.noise)
-        return print(json.dumps(as_dict(scores)))
     settings = TrainSettings(
         minutes=given.minutes, threads=given.threads, wall=given.wall, max_steps=given.steps
     )

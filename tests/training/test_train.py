@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import torch
 
+from sed2cad.evaluation.segmentation import score_network
 from sed2cad.network.sednet import Architecture
 from sed2cad.network.weights import load_weights
 from sed2cad.training.augment import estimate_normals, random_motion, turn
-from sed2cad.training.evaluate import evaluate_segmentation, score_patches
 from sed2cad.training.labelled_part import LabelledCloud
 from sed2cad.training.train import TrainSettings, main, train
 
@@ -56,19 +56,9 @@ def test_three_steps_then_resume_then_export(data, tmp_path):
     exported = load_weights(tmp_path / "out.safetensors")
     assert exported.affinity is not None
     torch.testing.assert_close(exported.local.mean, first.local.mean, atol=1e-2, rtol=1e-2)
-    scores = evaluate_segmentation(data, exported, limit=2, noise=0.01)
+    scores = score_network(sorted(data.glob("*.npz"))[:2], exported, noise=0.01)
     assert scores.parts == 2
     assert 0 <= scores.p_miou_strict <= scores.p_miou <= 1
-
-
-def test_scores_of_a_known_labelling():
-    """Truth: A (6), B (2), C (2). Found: A + C as one, B: IoU 6/8, 1 and none."""
-    true, found = np.repeat([0, 1, 2], [6, 2, 2]), np.repeat([5, 9, 5], [6, 2, 2])
-    types = np.repeat([0, 1, 2], [6, 2, 2])
-    usual, strict, _, type_ = score_patches(found, true, types, types)
-    assert usual == pytest.approx((0.75 + 1) / 2)
-    assert strict == pytest.approx((0.75 + 1) / 3)
-    assert type_ == 1
 
 
 def test_motion_is_orthogonal_up_to_scale():

@@ -1,0 +1,60 @@
+"""The commands below `sed2cad evaluate`; what is slow to import is imported inside."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sed2cad.errors import UsageError
+
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Trace errors.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")]
+Json = Annotated[Path | None, typer.Option("--json", help="File for all rows and the settings.")]
+
+
+def segmentation(
+    data: Annotated[Path, typer.Argument(metavar="PARTS", help="Folder that `sed2cad dataset` made.")],
+    method: Annotated[
+        list[str] | None, typer.Option(help="network, refined, growing; once or more often. (default: all)")
+    ] = None,
+    points: Annotated[int, typer.Option(min=100, help="Points of each part.")] = 10_000,
+    noise: Annotated[float, typer.Option(min=0, help="Noise in radii of the part; the paper's: 0.04.")] = 0.0,
+    limit: Annotated[int | None, typer.Option(min=1, help="Only the first of the parts.")] = None,
+    weights: Annotated[Path | None, typer.Option(help="Weights to score. (default: those shipped)")] = None,
+    json: Json = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes, of one thread each.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of points, noise and clustering.")] = 0,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Score patches, types and edge points: the paper's metrics and strict ones.
+
+    network: the network's clusters alone; refined: the pipeline's patches; growing: region growing on normals.
+    """
+    require_place(json)
+    from sed2cad.evaluation.methods import METHODS
+    from sed2cad.evaluation.segmentation import SegmentationSettings, evaluate_segmentation
+    from sed2cad.evaluation.tables import segmentation_json, segmentation_text
+    from sed2cad.files import write_text
+
+    def tell(done: int, total: int, part: str, seconds: float) -> None:
+        if not quiet:
+            print(f"segmentation  {done} of {total}: {part}  {seconds:.1f} s", file=sys.stderr, flush=True)
+
+    methods = tuple(dict.fromkeys(method or METHODS))
+    settings = SegmentationSettings(methods, points, noise, limit, weights, workers, seed)
+    result = evaluate_segmentation(data, settings, progress=tell)
+    print(segmentation_text(result))
+    if json:
+        write_text(json, segmentation_json(result))
+
+
+def require_place(path: Path | None) -> None:
+    """UsageError before the work when the file could not be written after it."""
+    if path is not None and path.is_dir():
+        raise UsageError(f"{path}: this is a folder; give --json a file name")
+    if path is not None and not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder {path.parent}; make it or choose another name")
