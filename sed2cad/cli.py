@@ -247,7 +247,8 @@ def train_command(
         print(f"{best}: best weights")
 
 
-evaluate.command("segmentation")(reported(commands.segmentation))
+for command in (commands.segmentation, commands.ablation):
+    evaluate.command(command.__name__)(reported(command))
 
 
 def parse_changes(settings: list[str]) -> dict[str, dict[str, Any]]:

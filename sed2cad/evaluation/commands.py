@@ -52,6 +52,38 @@ def segmentation(
         write_text(json, segmentation_json(result))
 
 
+def ablation(
+    data: Annotated[Path, typer.Argument(help="Folder of labelled parts to train on.")],
+    val: Annotated[Path, typer.Argument(help="Folder of labelled parts to score.")],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="RUNS", help="Folder of the runs; what has ended in it is kept.")
+    ],
+    steps: Annotated[int, typer.Option(min=1, help="Of each training.")] = 400,
+    seeds: Annotated[int, typer.Option(min=1, help="Trainings of each row.")] = 1,
+    points: Annotated[int, typer.Option(min=300, help="Of each cloud, trained on and scored.")] = 3_000,
+    parts: Annotated[int, typer.Option(min=4, help="Trained on.")] = 400,
+    limit: Annotated[int, typer.Option(min=1, help="Parts of VAL that are scored.")] = 24,
+    threads: Annotated[int, typer.Option(min=1)] = 1,
+    json: Json = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Train the network without each of its ideas, under equal conditions (the paper's Table 4)."""
+    require_place(json)
+    from sed2cad.evaluation.ablation import AblationSettings, ablation_json, ablation_text, run_ablation
+    from sed2cad.files import write_text
+
+    def tell(sentence: str) -> None:
+        if not quiet:
+            print(f"ablation  {sentence}", file=sys.stderr, flush=True)
+
+    settings = AblationSettings(steps, seeds, points, parts=parts, validation_parts=limit, threads=threads)
+    runs = run_ablation(data, val, out, settings, tell)
+    print(ablation_text(runs))
+    if json:
+        write_text(json, ablation_json(settings, runs))
+
+
 def require_place(path: Path | None) -> None:
     """UsageError before the work when the file could not be written after it."""
     if path is not None and path.is_dir():

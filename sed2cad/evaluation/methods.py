@@ -51,9 +51,7 @@ class Labelling:
         return cls(none, none, np.zeros(count, bool))
 
 
-def run_method(
-    method: str, scan: Scan, labels: PointLabels | None, edge_distance: float, seed: int = 0
-) -> Labelling:
+def run_method(method: str, scan: Scan, labels: PointLabels | None, edge_distance: float, seed: int = 0) -> Labelling:
     """Segment the scan's points by one of METHODS; `labels` of the network for those that need it.
 
     `edge_distance`: how near to an edge, unit frame, an edge point lies.
@@ -101,9 +99,7 @@ def labels_of(patches: list[Patch], count: int) -> tuple[NDArray[np.int64], NDAr
     return patch, type_
 
 
-def near_boundaries(
-    points: Array, normals: Array, patch: NDArray[np.int64], distance: float
-) -> NDArray[np.bool_]:
+def near_boundaries(points: Array, normals: Array, patch: NDArray[np.int64], distance: float) -> NDArray[np.bool_]:
     """Points (n,) within `distance` of a boundary between two patches.
 
     The boundary is finer than the points are dense. Between two neighbours of different patches it is where

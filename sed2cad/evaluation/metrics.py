@@ -54,9 +54,7 @@ class Matching:
         return _mean(self.right[self.matched])
 
 
-def match_patches(
-    found: NDArray, true: NDArray, found_types: NDArray | None, true_types: NDArray
-) -> Matching:
+def match_patches(found: NDArray, true: NDArray, found_types: NDArray | None, true_types: NDArray) -> Matching:
     """Match patches (n,) one to one so that the sum of IoU is greatest (Hungarian, Kuhn 1955).
 
     The type of a patch is the mode of the types (n,) of its points; without `found_types` none is right.

@@ -164,9 +164,7 @@ def _classes(
     points, hits = np.bincount(true_type, minlength=size), np.bincount(true_type[right], minlength=size)
     patches = np.bincount(patch_type, minlength=size)
     sums = np.bincount(patch_type, weights=iou, minlength=size)
-    return tuple(
-        ClassCounts(int(points[k]), int(hits[k]), int(patches[k]), float(sums[k])) for k in range(size)
-    )
+    return tuple(ClassCounts(int(points[k]), int(hits[k]), int(patches[k]), float(sums[k])) for k in range(size))
 
 
 def _mean(values: Iterable[float]) -> float:

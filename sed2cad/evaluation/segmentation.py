@@ -138,9 +138,7 @@ def _runs(
             yield run.result()
 
 
-def _timed(
-    path: Path, settings: SegmentationSettings, network: SedNet | None
-) -> tuple[str, float, list[PartScores]]:
+def _timed(path: Path, settings: SegmentationSettings, network: SedNet | None) -> tuple[str, float, list[PartScores]]:
     start = time.perf_counter()
     rows = score_part(path, settings, network)
     return path.stem, time.perf_counter() - start, rows

@@ -32,12 +32,14 @@ def segmentation_text(result: SegmentationResult) -> str:
 
 def segmentation_json(result: SegmentationResult) -> str:
     """Settings, rows of the methods and rows of the parts; what there is no number for is null."""
-    return to_json({
-        "settings": asdict(result.settings),
-        "types": PATCH_TYPES,
-        "methods": [asdict(scores) for scores in result.methods],
-        "parts": [asdict(scores) for scores in result.parts],
-    })
+    return to_json(
+        {
+            "settings": asdict(result.settings),
+            "types": PATCH_TYPES,
+            "methods": [asdict(scores) for scores in result.methods],
+            "parts": [asdict(scores) for scores in result.parts],
+        }
+    )
 
 
 def to_json(content: Any) -> str:

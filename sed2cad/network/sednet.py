@@ -40,6 +40,7 @@ class Architecture:
     early_fusion: bool = True
     late_fusion: bool = True
     affinity_width: int = 0  # of the pair network, which is trained apart and attached; 0: none
+    two_branches: bool = True  # False: one branch gives type, edge and descriptor, and nothing is fused
 
 
 class Output(NamedTuple):
@@ -112,12 +113,13 @@ class SedNet(nn.Module):
         self.decode_global = nn.Linear(shape.global_width, shape.point_width, bias=False)
         self.decode_norm = nn.LayerNorm(shape.point_width)
         self.class_branch = Mlp(shape.point_width, shape.branch_width)
-        self.instance_branch = Mlp(shape.point_width, shape.branch_width)
+        two = shape.two_branches
+        self.instance_branch = Mlp(shape.point_width, shape.branch_width) if two else None
         self.type_head = nn.Linear(shape.branch_width, len(PATCH_TYPES))
         self.edge_head = nn.Linear(shape.branch_width, 2)
-        self.early = Mlp(shape.branch_width, shape.branch_width) if shape.early_fusion else None
+        self.early = Mlp(shape.branch_width, shape.branch_width) if two and shape.early_fusion else None
         late = nn.Sequential(nn.Linear(len(PATCH_TYPES) + 2, shape.branch_width), nn.ReLU())
-        self.late = late if shape.late_fusion else None
+        self.late = late if two and shape.late_fusion else None
         self.descriptor_head = nn.Sequential(
             Mlp(shape.branch_width, shape.branch_width), nn.Linear(shape.branch_width, shape.descriptor)
         )
@@ -152,8 +154,9 @@ class SedNet(nn.Module):
         return functional.leaky_relu(self.decode_norm(mixed), 0.2).flatten(0, 1)
 
     def branches(self, point: Tensor) -> Output:
-        """Classification and instance branch with early and late fusion."""
-        class_feature, instance = self.class_branch(point), self.instance_branch(point)
+        """Classification and instance branch with early and late fusion; or one branch for both."""
+        class_feature = self.class_branch(point)
+        instance = class_feature if self.instance_branch is None else self.instance_branch(point)
         type_, edge = self.type_head(class_feature), self.edge_head(class_feature)
         if self.early is not None:
             instance = instance + FUSION * self.early(class_feature)

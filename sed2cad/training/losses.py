@@ -38,10 +38,15 @@ class Losses(NamedTuple):
 
 
 def losses(
-    type_: Tensor, edge: Tensor, descriptor: Tensor, target: Target, push_power: float = 1.0
+    type_: Tensor,
+    edge: Tensor,
+    descriptor: Tensor,
+    target: Target,
+    push_power: float = 1.0,
+    edge_weight: float = EDGE_WEIGHT,
 ) -> Losses:
     """All terms from logits (n, 6), (n, 2) and descriptors (n, d)."""
-    pull, push = embedding_loss(descriptor, target, push_power)
+    pull, push = embedding_loss(descriptor, target, push_power, edge_weight)
     return Losses(functional.cross_entropy(type_, target.type), edge_loss(edge, target.edge), pull, push)
 
 
@@ -52,7 +57,9 @@ def edge_loss(logits: Tensor, edge: Tensor) -> Tensor:
     return (functional.cross_entropy(logits, edge, reduction="none") * weight).sum() / (2 * edges)
 
 
-def embedding_loss(descriptor: Tensor, target: Target, push_power: float = 1.0) -> tuple[Tensor, Tensor]:
+def embedding_loss(
+    descriptor: Tensor, target: Target, push_power: float = 1.0, edge_weight: float = EDGE_WEIGHT
+) -> tuple[Tensor, Tensor]:
     """Equations 5 and 6: pull descriptors within 0.5 of their patch's mean, push means 1.5 apart.
 
     Means over clouds. Equation 6 divides the push by K (K - 1); in a short training that is weak for parts of
@@ -65,7 +72,7 @@ def embedding_loss(descriptor: Tensor, target: Target, push_power: float = 1.0) 
         / size[:, None]
     )
     distance = _norm(descriptor - mean[target.patch])
-    excess = (distance - PULL_MARGIN).clamp_min(0) * torch.where(target.edge == 1, EDGE_WEIGHT, 1.0)
+    excess = (distance - PULL_MARGIN).clamp_min(0) * torch.where(target.edge == 1, edge_weight, 1.0)
     patch_pull = descriptor.new_zeros(patches).index_add(0, target.patch, excess) / size
     pull = push = descriptor.new_zeros(())
     for cloud in range(clouds):

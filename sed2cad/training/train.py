@@ -20,12 +20,13 @@ from safetensors.torch import load_file, save_file
 from sed2cad.evaluation.segmentation import score_network
 from sed2cad.network.affinity import PairNet
 from sed2cad.network.batch import Batch, Cloud, stack
+from sed2cad.network.graph import neighbour_graph
 from sed2cad.network.sednet import Architecture, SedNet
 from sed2cad.network.weights import load_weights, save_weights
 from sed2cad.training.affinity import WIDTH, train_affinity
 from sed2cad.training.augment import random_motion
 from sed2cad.training.dataset import packed_clouds
-from sed2cad.training.losses import Target, losses
+from sed2cad.training.losses import EDGE_WEIGHT, Target, losses
 from sed2cad.training.pretrain import pretrain_local
 from sed2cad.training.samples import VARIANTS, Sample, load_sample
 
@@ -50,7 +51,11 @@ class TrainSettings:
     weight_decay: float = 1e-2
     clip: float = 2.0  # norm of the gradient
     push_power: float = 0.5  # see losses.embedding_loss
+    edge_weight: float = EDGE_WEIGHT  # lambda
     pretrain_steps: int = 2_500
+    pair_network: bool = True  # also train the pair network, which `export` needs
+    points: int | None = None  # of each cloud that the network sees; None: all
+    parts: int | None = None  # trained on; None: all but those held out
     log_steps: int = 50
     validate_minutes: float = 12.0
     held_out: int = 60  # parts that are not trained on
@@ -76,7 +81,7 @@ class _Run:
         order = np.random.default_rng(settings.seed).permutation(len(parts))
         held_out = min(settings.held_out, len(parts) // 5)
         self.held_out = [parts[i] for i in order[:held_out]]
-        self.parts = [parts[i] for i in order[held_out:]]
+        self.parts = [parts[i] for i in order[held_out:]][: settings.parts]
         self.step, self.spent, self.best = 0, 0.0, -1.0
         resume = (out / "state.pt").exists()
         self.network = load_weights(out / "last.safetensors") if resume else SedNet(settings.architecture)
@@ -99,7 +104,8 @@ class _Run:
         running: list[list[float]] = []
         validated = self.spent
         while self._elapsed() < budget and self.step < (settings.max_steps or math.inf):
-            running.append(self._one_step(self.spent / budget))
+            used = self.step / settings.max_steps if settings.max_steps else 0.0
+            running.append(self._one_step(max(self.spent / budget, used)))
             self.step += 1
             if self.step % settings.log_steps == 0:
                 self._log(dict(zip(LOGGED, np.mean(running, axis=0).tolist())))
@@ -116,7 +122,8 @@ class _Run:
         if self.network.local is not None:
             rng = np.random.default_rng(self.settings.seed)
             self._log({"pretrain_type_accuracy": pretrain_local(self.network.local, self.parts, steps, rng)})
-        save_file(train_affinity(self.parts, steps, self.settings.seed).state_dict(), self.out / AFFINITY)
+        if self.settings.pair_network:
+            save_file(train_affinity(self.parts, steps, self.settings.seed).state_dict(), self.out / AFFINITY)
 
     def _one_step(self, progress: float) -> list[float]:
         settings = self.settings
@@ -127,7 +134,9 @@ class _Run:
             self._samples(), settings.rows, np.random.default_rng([settings.seed, self.step])
         )
         output = self.network(batch)
-        terms = losses(output.type, output.edge, output.descriptor, target, settings.push_power)
+        terms = losses(
+            output.type, output.edge, output.descriptor, target, settings.push_power, settings.edge_weight
+        )
         self.optimizer.zero_grad()
         terms.total().backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), settings.clip)
@@ -141,7 +150,8 @@ class _Run:
         for position in range(self.step * self.settings.batch, (self.step + 1) * self.settings.batch):
             epoch, index = divmod(position, len(self.parts))
             order = np.random.default_rng([self.settings.seed, epoch]).permutation(len(self.parts))
-            samples.append(load_sample(self.parts[order[index]], (epoch + int(order[index])) % VARIANTS))
+            sample = load_sample(self.parts[order[index]], (epoch + int(order[index])) % VARIANTS)
+            samples.append(shorten(sample, self.settings.points) if self.settings.points else sample)
         return samples
 
     def _validate(self) -> None:
@@ -182,6 +192,12 @@ class _Run:
 
 
 LOGGED = ("loss", "type_loss", "edge_loss", "pull", "push", "train_type_accuracy")
+
+
+def shorten(sample: Sample, points: int) -> Sample:
+    """The first points of a sample, which come in random order, and their neighbours among them."""
+    arrays = {name: getattr(sample, name)[:points] for name in Sample.__dataclass_fields__}
+    return Sample(**{**arrays, "neighbours": neighbour_graph(arrays["points"])})
 
 
 def make_batch(samples: Sequence[Sample], rows: int, rng: np.random.Generator) -> tuple[Batch, Target]:

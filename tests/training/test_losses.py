@@ -45,3 +45,10 @@ def test_without_edge_points_nothing_breaks():
     terms = losses(torch.zeros(4, 6), torch.zeros(4, 2), torch.zeros(4, 3), target([0] * 4, [0] * 4, [0]))
     assert torch.isfinite(terms.total())
     assert float(terms.type) == pytest.approx(math.log(6), rel=1e-5)
+
+
+def test_the_weight_of_edge_points_is_a_setting():
+    """Lambda 1 is the plain pull."""
+    descriptors = torch.tensor([[0.0, 0], [4, 0]])
+    pull, _ = embedding_loss(descriptors, target([0, 0], [0, 1], [0]), edge_weight=1.0)
+    assert float(pull) == pytest.approx(1.5, rel=1e-4)
