@@ -58,7 +58,7 @@ def ablation(
     out: Annotated[
         Path, typer.Option("-o", "--out", metavar="RUNS", help="Folder of the runs; what has ended in it is kept.")
     ],
-    steps: Annotated[int, typer.Option(min=1, help="Of each training.")] = 400,
+    steps: Annotated[int, typer.Option(min=1, help="Of each training.")] = 450,
     seeds: Annotated[int, typer.Option(min=1, help="Trainings of each row.")] = 1,
     points: Annotated[int, typer.Option(min=300, help="Of each cloud, trained on and scored.")] = 3_000,
     parts: Annotated[int, typer.Option(min=4, help="Trained on.")] = 400,
