@@ -176,7 +176,7 @@ def _parameters(path: Path) -> dict[str, dict[str, float]]:
         (("vary", "none.json", "--set", "a.b=1", "--step", "a.step"), "none.json: cannot be read"),
         (("dataset", "nowhere", "-o", "data"), "nowhere: there is no such folder"),
         (("train", "nowhere", "-o", "run"), "nowhere: there is no such folder"),
-        (("evaluate", "segmentation", "."), ".: there are no labelled clouds in it"),
+        (("evaluate", "segmentation", "."), ".: there are no packed parts in it"),
     ],
 )
 def test_commands_refuse(

@@ -42,7 +42,7 @@ class Batch:
         Tensor  # (B rows, k) weights of neighbours[2], to carry values of the coarse points to all
     )
 
-    def to(self, device: str) -> Batch:
+    def to(self, device: str | torch.device) -> Batch:
         """The same batch on another device."""
         a, b, c = (near.to(device) for near in self.neighbours)
         first, features, weights = (

@@ -14,6 +14,7 @@ from sed2cad.network.batch import Cloud, stack
 from sed2cad.network.features import local_features
 from sed2cad.network.graph import MAX_POINTS, neighbour_graph
 from sed2cad.network.sednet import SedNet
+from sed2cad.network.types import from_paper
 
 NORMAL_WEIGHT = 0.03
 """A point takes the labels of the network's point next to it in (x, 0.03 n): on its side of a thin wall."""
@@ -51,8 +52,9 @@ def predict(
     nearest = cKDTree(keys[seen]).query(keys)[1]
     near, same = _pairs(points, normals, graph, network.to("cpu"))
     back = np.argsort(order)
+    probabilities = output[0].softmax(1).numpy()
     types, edge, descriptors = (
-        output[0].softmax(1).numpy(),
+        probabilities if network.shape.torus else from_paper(probabilities),
         output[1].softmax(1)[:, 1].numpy(),
         output[2].numpy(),
     )

@@ -24,6 +24,10 @@ class Target:
     patch: Tensor  # (n,) int64, 0 .. p-1 over the whole batch
     cloud: Tensor  # (p,) int64, the cloud of each patch
 
+    def to(self, device: torch.device) -> Target:
+        """The same target on another device."""
+        return Target(*(part.to(device) for part in (self.type, self.edge, self.patch, self.cloud)))
+
 
 class Losses(NamedTuple):
     """The terms of the loss, scalars."""
@@ -37,9 +41,7 @@ class Losses(NamedTuple):
         return self.type + self.edge + self.pull + self.push
 
 
-def losses(
-    type_: Tensor, edge: Tensor, descriptor: Tensor, target: Target, push_power: float = 1.0
-) -> Losses:
+def losses(type_: Tensor, edge: Tensor, descriptor: Tensor, target: Target, push_power: float = 1.0) -> Losses:
     """All terms from logits (n, 6), (n, 2) and descriptors (n, d)."""
     pull, push = embedding_loss(descriptor, target, push_power)
     return Losses(functional.cross_entropy(type_, target.type), edge_loss(edge, target.edge), pull, push)
@@ -60,10 +62,7 @@ def embedding_loss(descriptor: Tensor, target: Target, push_power: float = 1.0) 
     """
     patches, clouds = len(target.cloud), int(target.cloud.max()) + 1
     size = torch.bincount(target.patch, minlength=patches).to(descriptor)
-    mean = (
-        descriptor.new_zeros(patches, descriptor.shape[1]).index_add(0, target.patch, descriptor)
-        / size[:, None]
-    )
+    mean = descriptor.new_zeros(patches, descriptor.shape[1]).index_add(0, target.patch, descriptor) / size[:, None]
     distance = _norm(descriptor - mean[target.patch])
     excess = (distance - PULL_MARGIN).clamp_min(0) * torch.where(target.edge == 1, EDGE_WEIGHT, 1.0)
     patch_pull = descriptor.new_zeros(patches).index_add(0, target.patch, excess) / size
