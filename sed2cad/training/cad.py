@@ -1,8 +1,7 @@
-"""One CAD file to one LabelledPart: the only training module that talks to OCC."""
+"""One CAD file to one LabelledPart: surfaces as the file or their shape says, patches, edges."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.network.types import BSPLINE, CONE, CYLINDER, PLANE, SPHERE, TORUS
+from sed2cad.training.cad_mesh import Frame, Mesh, array, evaluate, faces_of, mesh_of, read_shape
 from sed2cad.training.disguised import recognise
 from sed2cad.training.labelled_part import EDGE_UNIT, NORMAL_UNIT, LabelledPart, facets
 from sed2cad.training.surfaces import Surfaces
 
-MESH_DEVIATION = 4e-4
-"""Of the triangles from the surfaces, in longest sides; bulged, those of B-splines are within 2e-4."""
-MESH_ANGLE = 0.4
-"""Largest turn of the normal over a triangle, radians."""
 EDGE_DEVIATION = 5e-5
 """Of the polylines from the edge curves, in longest sides."""
 ON_SURFACE = 2e-5
@@ -26,33 +22,13 @@ PROBES = 150
 """Points per face on which a disguised surface is recognised."""
 
 
-@dataclass(frozen=True)
-class _Mesh:
-    nodes: NDArray  # (n, 3)
-    uv: NDArray  # (n, 2) surface parameters on the node's face
-    triangles: NDArray  # (m, 3) counterclockwise from outside
-    face: NDArray  # (m,) index of the face
-    node_face: NDArray  # (n,)
-
-
-@dataclass(frozen=True)
-class _Frame:
-    """Unit frame of a part: x -> (x - centre) / size."""
-
-    centre: NDArray
-    size: float
-
-    def apply(self, points: NDArray) -> NDArray:
-        return (points - self.centre) / self.size
-
-
 def label_part(path: Path) -> LabelledPart:
     """Everything that training needs of a CAD file. Raises OSError or ValueError for an unusable file."""
     shape = read_shape(path)
-    faces = _faces(shape)
-    mesh = _mesh(shape, faces)
+    faces = faces_of(shape)
+    mesh = mesh_of(shape, faces)
     low, high = mesh.nodes.min(0), mesh.nodes.max(0)
-    frame = _Frame((low + high) / 2, float((high - low).max()))
+    frame = Frame((low + high) / 2, float((high - low).max()))
     nodes = frame.apply(mesh.nodes)
     surfaces, normals, disguised = _surfaces(faces, mesh, nodes, frame)
     patch_of_face, edges = _patches_and_edges(shape, faces, surfaces)
@@ -81,81 +57,8 @@ def label_part(path: Path) -> LabelledPart:
     )
 
 
-def read_shape(path: Path) -> Any:
-    """The shape in a .step, .stp or .brep file. Raises OSError."""
-    from OCP.BRep import BRep_Builder
-    from OCP.BRepTools import BRepTools
-    from OCP.IFSelect import IFSelect_RetDone
-    from OCP.STEPControl import STEPControl_Reader
-    from OCP.TopoDS import TopoDS_Shape
-
-    if path.suffix.lower() == ".brep":
-        shape = TopoDS_Shape()
-        if not BRepTools.Read_s(shape, str(path), BRep_Builder()):
-            raise OSError(f"cannot read {path}")
-        return shape
-    reader = STEPControl_Reader()
-    if reader.ReadFile(str(path)) != IFSelect_RetDone or reader.TransferRoots() == 0:
-        raise OSError(f"cannot read {path}")
-    return reader.OneShape()
-
-
-def _faces(shape: Any) -> list[Any]:
-    from OCP.TopAbs import TopAbs_FACE
-    from OCP.TopExp import TopExp_Explorer
-    from OCP.TopoDS import TopoDS
-
-    found, explorer = [], TopExp_Explorer(shape, TopAbs_FACE)
-    while explorer.More():
-        found.append(TopoDS.Face_s(explorer.Current()))
-        explorer.Next()
-    if not found:
-        raise ValueError("no faces")
-    return found
-
-
-def _mesh(shape: Any, faces: list[Any]) -> _Mesh:
-    """Tessellate finely enough that triangle areas are surface areas; triangles turned outward."""
-    from OCP.Bnd import Bnd_Box
-    from OCP.BRep import BRep_Tool
-    from OCP.BRepBndLib import BRepBndLib
-    from OCP.BRepMesh import BRepMesh_IncrementalMesh
-    from OCP.BRepTools import BRepTools
-    from OCP.TopAbs import TopAbs_REVERSED
-    from OCP.TopLoc import TopLoc_Location
-
-    box = Bnd_Box()
-    BRepBndLib.Add_s(shape, box)
-    low, high = np.reshape(box.Get(), (2, 3))
-    BRepTools.Clean_s(shape)  # a file may hold a mesh of its own
-    BRepMesh_IncrementalMesh(shape, MESH_DEVIATION * float((high - low).max()), False, MESH_ANGLE, False)
-    nodes, uv, triangles, owner, node_owner, offset = [], [], [], [], [], 0
-    for index, face in enumerate(faces):
-        location = TopLoc_Location()
-        mesh = BRep_Tool.Triangulation_s(face, location)
-        if mesh is None or not mesh.NbTriangles():
-            continue
-        move, n = location.Transformation(), mesh.NbNodes()
-        nodes += [_array(mesh.Node(k).Transformed(move)) for k in range(1, n + 1)]
-        uv += [mesh.UVNode(k).Coord() for k in range(1, n + 1)]
-        corners = np.array([mesh.Triangle(k).Get() for k in range(1, mesh.NbTriangles() + 1)]) - 1 + offset
-        flip = (face.Orientation() == TopAbs_REVERSED) != move.IsNegative()
-        triangles.append(corners[:, ::-1] if flip else corners)
-        owner.append(np.full(len(corners), index))
-        node_owner.append(np.full(n, index))
-        offset += n
-    if not triangles:
-        raise ValueError("no triangles")
-    faces_of = np.concatenate(owner), np.concatenate(node_owner)
-    return _Mesh(np.array(nodes), np.array(uv), np.vstack(triangles), *faces_of)
-
-
-def _array(point: Any) -> NDArray:
-    return np.array([point.X(), point.Y(), point.Z()])
-
-
 def _surfaces(
-    faces: list[Any], mesh: _Mesh, nodes: NDArray, frame: _Frame
+    faces: list[Any], mesh: Mesh, nodes: NDArray, frame: Frame
 ) -> tuple[Surfaces, NDArray, NDArray[np.bool_]]:
     """Surface of each face, normals (n, 3) of the nodes on B-splines (0 elsewhere), and who was disguised."""
     rows = [_surface(face, frame) for face in faces]
@@ -168,7 +71,7 @@ def _surfaces(
             continue
         if _is_on(rows[index], nodes[own]):
             continue
-        points, exact = _evaluate(face, mesh.uv[own])  # nodes on an edge may be off by its tolerance
+        points, exact = evaluate(face, mesh.uv[own])  # nodes on an edge may be off by its tolerance
         if _is_on(rows[index], frame.apply(points)):
             continue
         found = recognise(*_probes(face, mesh, own, index, frame))
@@ -188,13 +91,13 @@ def _is_on(surface: Surfaces, points: NDArray) -> bool:
     return bool(np.abs(feet - points).max() < ON_SURFACE)
 
 
-def _probes(face: Any, mesh: _Mesh, own: NDArray, index: int, frame: _Frame) -> tuple[NDArray, NDArray]:
+def _probes(face: Any, mesh: Mesh, own: NDArray, index: int, frame: Frame) -> tuple[NDArray, NDArray]:
     """Exact points and normals all over a face: nodes and points within triangles."""
     rng = np.random.default_rng(0)
     inside = mesh.triangles[rng.choice(np.flatnonzero(mesh.face == index), PROBES)]
     weight = rng.dirichlet(np.ones(3), PROBES)
     uv = np.einsum("ij,ijk->ik", weight, mesh.uv[inside])
-    points, normals = _evaluate(face, np.vstack([uv, mesh.uv[rng.permutation(own)[:PROBES]]]))
+    points, normals = evaluate(face, np.vstack([uv, mesh.uv[rng.permutation(own)[:PROBES]]]))
     good = np.einsum("ij,ij->i", normals, normals) > 0.25
     return frame.apply(points[good]), normals[good]
 
@@ -202,7 +105,7 @@ def _probes(face: Any, mesh: _Mesh, own: NDArray, index: int, frame: _Frame) -> 
 _FREEFORM = Surfaces(np.array([BSPLINE], np.int8), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 2)))
 
 
-def _surface(face: Any, frame: _Frame) -> Surfaces:
+def _surface(face: Any, frame: Frame) -> Surfaces:
     """The surface as the file has it, one row."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_SurfaceType as Kind
@@ -227,15 +130,15 @@ def _surface(face: Any, frame: _Frame) -> Surfaces:
         case _:
             return _FREEFORM
     position = found.Position()
-    axis, origin = _array(position.Direction()), position.Location()
+    axis, origin = array(position.Direction()), position.Location()
     if type_ == CONE:
         origin = found.Apex()
         middle = surface.Value(
             (surface.FirstUParameter() + surface.LastUParameter()) / 2,
             (surface.FirstVParameter() + surface.LastVParameter()) / 2,
         )
-        axis = axis if (_array(middle) - _array(origin)) @ axis > 0 else -axis
-    row = frame.apply(_array(origin))[None], axis[None], np.array([radii])
+        axis = axis if (array(middle) - array(origin)) @ axis > 0 else -axis
+    row = frame.apply(array(origin))[None], axis[None], np.array([radii])
     return Surfaces(np.array([type_], np.int8), *row)
 
 
@@ -247,7 +150,7 @@ def _is_closed(face: Any) -> bool:
     return bool(surface.IsUClosed() or surface.IsVClosed() or surface.IsUPeriodic() or surface.IsVPeriodic())
 
 
-def _outward(surfaces: Surfaces, mesh: _Mesh, nodes: NDArray, normals: NDArray) -> tuple[NDArray, NDArray]:
+def _outward(surfaces: Surfaces, mesh: Mesh, nodes: NDArray, normals: NDArray) -> tuple[NDArray, NDArray]:
     """Side of each face (f,), and the node normals turned outward, by the triangles."""
     facet, area = facets(nodes, mesh.triangles)
     middle = nodes[mesh.triangles].mean(1)
@@ -291,19 +194,4 @@ def _points_on(edge: Any, size: float) -> NDArray:
 
     curve = BRepAdaptor_Curve(edge)
     points = GCPnts_TangentialDeflection(curve, 0.2, EDGE_DEVIATION * size, 2)
-    return np.array([_array(points.Value(k)) for k in range(1, points.NbPoints() + 1)])
-
-
-def _evaluate(face: Any, uv: NDArray) -> tuple[NDArray, NDArray]:
-    """Points and unit normals (zero where degenerate) of a face's surface at parameters (n, 2)."""
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.gp import gp_Pnt, gp_Vec
-
-    surface, p, du, dv = BRepAdaptor_Surface(face), gp_Pnt(), gp_Vec(), gp_Vec()
-    values = np.empty((len(uv), 9))
-    for row, (u, v) in zip(values, uv.tolist()):
-        surface.D1(u, v, p, du, dv)
-        row[:] = p.X(), p.Y(), p.Z(), du.X(), du.Y(), du.Z(), dv.X(), dv.Y(), dv.Z()
-    normal = np.cross(values[:, 3:6], values[:, 6:9])
-    size = np.linalg.norm(normal, axis=1, keepdims=True)
-    return values[:, :3], np.where(size > 1e-12, normal / np.maximum(size, 1e-12), 0)
+    return np.array([array(points.Value(k)) for k in range(1, points.NbPoints() + 1)])

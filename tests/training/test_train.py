@@ -2,6 +2,7 @@ import json
 import os
 import socket
 from dataclasses import replace
+from datetime import timedelta
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import torch
 
 from sed2cad.network.sednet import Architecture, SedNet
 from sed2cad.network.weights import load_weights, save_weights
+from sed2cad.training import evaluate, parallel
 from sed2cad.training.__main__ import main
 from sed2cad.training.evaluate import evaluate_segmentation, score_patches
 from sed2cad.training.labelled_part import EDGE_UNIT, LabelledPart
@@ -48,6 +50,12 @@ def data(tmp_path_factory):
     for index in range(5):
         folded_sheet(0.5 + 0.1 * index).save(folder / f"{index}.npz")
     return folder
+
+
+@pytest.fixture(autouse=True)
+def small_clouds(monkeypatch):
+    """Validation on fewer points than the network can see."""
+    monkeypatch.setattr(evaluate, "MAX_POINTS", 2_000)
 
 
 QUICK = TrainSettings(SMALL, rows=256, batch=2, pretrain_steps=5, log_steps=1, max_steps=3, device="cpu")
@@ -121,21 +129,28 @@ def run_rank(rank, port, data, out):
     """One of two processes, as torchrun starts them."""
     place = {"RANK": rank, "WORLD_SIZE": 2, "LOCAL_RANK": rank, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
     os.environ.update({name: str(value) for name, value in place.items()})
-    torch.manual_seed(rank)
-    folders, settings = [data], replace(QUICK, seed=0, max_steps=2, validation_parts=1)
-    torch.set_num_threads(1)
+    torch.manual_seed(rank)  # each starts from other weights
     team = Team.join("cpu")
-    run = _Run(settings, folders, out, team, None)
+    run = _Run(replace(QUICK, max_steps=2, validation_parts=1), [data], out, team, None)
     run.run()
     save_weights(run.network, out / f"rank{rank}.safetensors")
     team.leave()
 
 
-def test_two_processes_have_the_same_weights(data, tmp_path):
+def run_rank_one(_, *place):
+    run_rank(1, *place)
+
+
+def test_two_processes_have_the_same_weights(data, tmp_path, monkeypatch):
+    monkeypatch.setattr(parallel, "PATIENCE", timedelta(minutes=2))
+    for name in ("RANK", "WORLD_SIZE", "LOCAL_RANK", "MASTER_ADDR", "MASTER_PORT"):
+        monkeypatch.setenv(name, "")  # put back afterwards
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    torch.multiprocessing.spawn(run_rank, (port, data, tmp_path), 2)
+    other = torch.multiprocessing.spawn(run_rank_one, (port, data, tmp_path), join=False)
+    run_rank(0, port, data, tmp_path)
+    assert other.join()
     first, second = (load_weights(tmp_path / f"rank{rank}.safetensors").state_dict() for rank in (0, 1))
     start = SedNet(SMALL).state_dict()
     for name, tensor in first.items():
