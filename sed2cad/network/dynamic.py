@@ -35,9 +35,10 @@ def _squared(own: Tensor, other: Tensor) -> Tensor:
 def _nearest(x: Tensor, clouds: int, k: int, distance: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
     """Row indices (B n, min(k, n)) into all rows."""
     x, found, start = x.float(), [], 0
-    for cloud in x.chunk(clouds):
-        for own in cloud.split(CHUNK):
-            near = distance(own, cloud).topk(min(k, len(cloud)), dim=1, largest=False, sorted=False)
-            found.append(near.indices + start)
-        start += len(cloud)
+    with torch.autocast(x.device.type, enabled=False):  # distances of near points need all of their digits
+        for cloud in x.chunk(clouds):
+            for own in cloud.split(CHUNK):
+                near = distance(own, cloud).topk(min(k, len(cloud)), dim=1, largest=False, sorted=False)
+                found.append(near.indices + start)
+            start += len(cloud)
     return torch.cat(found)

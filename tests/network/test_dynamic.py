@@ -1,9 +1,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 
+from sed2cad.network.batch import Cloud, stack
 from sed2cad.network.dynamic import feature_neighbours, normal_neighbours
+from sed2cad.network.graph import neighbour_graph
 from sed2cad.network.predict import predict
 from sed2cad.network.sednet import Architecture, SedNet
 from sed2cad.network.types import BSPLINE, TORUS, from_paper, paper_class
@@ -46,3 +49,18 @@ def test_the_papers_network_predicts_our_types():
     assert labels.types.shape == (300, 6)
     np.testing.assert_allclose(labels.types.sum(1), 1, rtol=1e-5)
     assert (labels.types[:, TORUS] <= labels.types[:, BSPLINE] + 1e-6).all()
+
+
+@pytest.mark.parametrize("shape", [Architecture(), Architecture(local_width=0, transformer_layers=0, dynamic=16)])
+def test_mixed_precision_runs(shape):
+    """On CUDA training autocasts; here the same on the CPU."""
+    torch.manual_seed(0)
+    points = np.random.default_rng(0).normal(size=(400, 3)).astype(np.float32)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    network = SedNet(shape)
+    batch = stack([Cloud(points, points, neighbour_graph(points))] * 2)
+    with torch.autocast("cpu", torch.bfloat16):
+        output = network(batch)
+    sum(part.float().square().mean() for part in output).backward()
+    assert all(torch.isfinite(part).all() for part in output)
+    assert torch.isfinite(network.type_head.weight.grad).all()
