@@ -198,13 +198,12 @@ def vary_command(
 @reported
 def dataset_command(
     folder: Annotated[Path, typer.Argument(help="Folder of .step, .stp and .brep files.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the labelled clouds.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the packed parts.")],
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    points: Annotated[int, typer.Option(min=100, help="Points in a cloud.")] = 10_000,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Make labelled clouds of CAD files, to train on."""
+    """Pack CAD files, with the truth about their surfaces and edges, to train on."""
     require_folder(folder)
     from sed2cad.training.dataset import build_dataset
 
@@ -212,11 +211,11 @@ def dataset_command(
         if not quiet and (done % 50 == 0 or done == total):
             print(f"dataset    {done} of {total}: {name}", file=sys.stderr, flush=True)
 
-    made = build_dataset(folder, out, workers, tell, points)
+    made = build_dataset(folder, out, workers, tell)
     for path, reason in made.skipped.items() if verbose else ():
         print(f"skipped {path}: {reason}", file=sys.stderr)
     if not quiet:
-        print(f"{out}: {len(made.packed)} clouds, {len(made.skipped)} files skipped")
+        print(f"{out}: {made}")
     if not made.packed:
         raise UsageError(f"{folder}: no .step, .stp or .brep file in it could be used; choose another folder")
 
@@ -224,25 +223,38 @@ def dataset_command(
 @app.command("train")
 @reported
 def train_command(
-    data: Annotated[Path, typer.Argument(help="Folder that `sed2cad dataset` made.")],
+    data: Annotated[list[Path], typer.Argument(help="Folders that `sed2cad dataset` made, real parts first.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the run; a run that is there goes on.")],
-    minutes: Annotated[float, typer.Option(help="The learning rate falls to 0 over this time.")] = 125.0,
+    preset: Annotated[str, typer.Option(metavar="default|paper", help="For two cores, or as the paper.")] = "default",
+    minutes: Annotated[float | None, typer.Option(help="The learning rate falls to 0 over this time.")] = None,
     wall: Annotated[bool, typer.Option(help="Minutes of the clock, not of the processor.")] = False,
+    learning_rate: Annotated[float | None, typer.Option(help="The highest one.")] = None,
+    init: Annotated[Path | None, typer.Option(help="Weights to start from.")] = None,
     threads: Annotated[int, typer.Option(min=1)] = 1,
     seed: Annotated[int, typer.Option()] = 0,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Train the network."""
-    require_clouds(data)
-    from sed2cad.training.train import TrainSettings, train
+    """Train the network; under torchrun in several processes."""
+    for folder in data:
+        require_parts(folder)
+    from dataclasses import replace
+
+    from sed2cad.training.settings import PRESETS
+    from sed2cad.training.train import train
+
+    if preset not in PRESETS:
+        raise UsageError(f"there is no preset {preset}; choose one of {', '.join(PRESETS)}")
 
     def tell(row: dict[str, float]) -> None:
         if not quiet:
             line = ", ".join(f"{name} {value:g}" for name, value in row.items())
             print(f"train      {line}", file=sys.stderr, flush=True)
 
-    best = train(TrainSettings(minutes=minutes, wall=wall, threads=threads, seed=seed), data, out, tell)
+    given = {"minutes": minutes, "learning_rate": learning_rate}
+    changes: Any = {name: value for name, value in given.items() if value is not None}
+    settings = replace(PRESETS[preset](), init=init, wall=wall, threads=threads, seed=seed, **changes)
+    best = train(settings, data, out, tell)
     if not quiet:
         print(f"{best}: best weights")
 
@@ -295,11 +307,11 @@ def require_folder(folder: Path) -> None:
         raise UsageError(f"{folder}: there is no such folder; check the name")
 
 
-def require_clouds(folder: Path) -> None:
-    """UsageError where a folder holds no labelled clouds."""
+def require_parts(folder: Path) -> None:
+    """UsageError where a folder holds no packed parts."""
     require_folder(folder)
     if not any(folder.glob("*.npz")):
-        raise UsageError(f"{folder}: there are no labelled clouds in it; make them with `sed2cad dataset`")
+        raise UsageError(f"{folder}: there are no packed parts in it; make them with `sed2cad dataset`")
 
 
 def print_summary(model: CadModel, step: Path, seconds: float, verbose: bool) -> None:

@@ -29,9 +29,10 @@ def run(*words: str | Path) -> tuple[int, str, str]:
 def bad_scans(folder: Path) -> dict[str, tuple[Path, int, str]]:
     """The bad inputs: file, exit code, sentence."""
     points, normals = box_points(1000)
-    paths = {name: folder / f"{name}.ply" for name in (
-        "empty", "text", "nan", "few", "plane", "line", "copies", "cut", "folder", "missing"
-    )}
+    paths = {
+        name: folder / f"{name}.ply"
+        for name in ("empty", "text", "nan", "few", "plane", "line", "copies", "cut", "folder", "missing")
+    }
     paths["empty"].touch()
     paths["text"].write_text("Dear colleague,\nplease find attached ...\n")
     write_ply(paths["nan"], np.where(np.arange(1000)[:, None] % 10 == 0, np.nan, points))
@@ -53,7 +54,7 @@ def bad_scans(folder: Path) -> dict[str, tuple[Path, int, str]]:
         "line": "line.ply: all points lie on one line; scan the part from all sides",
         "copies": "copies.ply: only 20 of its 1000 points are distinct, a scan needs 50; export it again",
         "cut": "cut.ply: the file is cut short, 1000 bytes of its 1000 vertex rows are missing; "
-               "copy or export it again",
+        "copy or export it again",
         "folder": f"{paths['folder']}: this is a folder; give one scan file",
         "missing": f"{paths['missing']}: there is no such file; check the name",
         "unknown": "scan.docx: unknown file type '.docx'; sed2cad reads .ply .stl .obj",
@@ -61,8 +62,9 @@ def bad_scans(folder: Path) -> dict[str, tuple[Path, int, str]]:
     return {name: (path, 3, sentences[name]) for name, path in paths.items()}
 
 
-@pytest.mark.parametrize("case", ["empty", "text", "nan", "few", "plane", "line", "copies", "cut", "folder",
-                                  "missing", "unknown"])
+@pytest.mark.parametrize(
+    "case", ["empty", "text", "nan", "few", "plane", "line", "copies", "cut", "folder", "missing", "unknown"]
+)
 def test_bad_scans(tmp_path: Path, case: str) -> None:
     path, code, sentence = bad_scans(tmp_path)[case]
     step = tmp_path / "out.step"
@@ -176,7 +178,7 @@ def _parameters(path: Path) -> dict[str, dict[str, float]]:
         (("vary", "none.json", "--set", "a.b=1", "--step", "a.step"), "none.json: cannot be read"),
         (("dataset", "nowhere", "-o", "data"), "nowhere: there is no such folder"),
         (("train", "nowhere", "-o", "run"), "nowhere: there is no such folder"),
-        (("evaluate", "segmentation", "."), ".: there are no labelled clouds in it"),
+        (("evaluate", "segmentation", "."), ".: there are no packed parts in it"),
     ],
 )
 def test_commands_refuse(

@@ -20,7 +20,8 @@ from sed2cad.evaluation.tables import aligned, share, to_json
 from sed2cad.files import write_text
 from sed2cad.network.sednet import Architecture
 from sed2cad.network.weights import load_weights
-from sed2cad.training.train import TrainSettings, train
+from sed2cad.training.settings import TrainSettings
+from sed2cad.training.train import train
 
 Progress = Callable[[str], None]
 """Called with a sentence when a run has begun or ended."""

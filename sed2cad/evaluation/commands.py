@@ -60,7 +60,7 @@ def ablation(
     ],
     steps: Annotated[int, typer.Option(min=1, help="Of each training.")] = 450,
     seeds: Annotated[int, typer.Option(min=1, help="Trainings of each row.")] = 1,
-    points: Annotated[int, typer.Option(min=300, help="Of each cloud, trained on and scored.")] = 3_000,
+    points: Annotated[int, typer.Option(min=300, max=10_000, help="Of each cloud, trained on and scored.")] = 3_000,
     parts: Annotated[int, typer.Option(min=4, help="Trained on.")] = 400,
     limit: Annotated[int, typer.Option(min=1, help="Parts of VAL that are scored.")] = 24,
     threads: Annotated[int, typer.Option(min=1)] = 1,

@@ -6,7 +6,7 @@ import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -18,8 +18,9 @@ from sed2cad.evaluation.scores import MethodScores, PartScores, Seconds, score, 
 from sed2cad.evaluation.trial import cloud_of, make_trial
 from sed2cad.network.predict import predict
 from sed2cad.network.sednet import SedNet
+from sed2cad.network.types import without_torus
 from sed2cad.network.weights import load_weights
-from sed2cad.training.dataset import packed_clouds
+from sed2cad.training.dataset import packed_parts
 from sed2cad.training.samples import EDGE_DISTANCE
 
 Progress = Callable[[int, int, str, float], None]
@@ -31,7 +32,7 @@ class SegmentationSettings:
     """What is scored; UsageError for an unknown method."""
 
     methods: tuple[str, ...] = METHODS
-    points: int | None = OF_POINTS  # of each part; None: all that are packed
+    points: int | None = OF_POINTS  # of each part; None: as many as the network sees
     noise: float = 0.0  # displacement along the normal in radii of the part; the paper's is 0.04
     limit: int | None = None  # only the first parts
     weights: Path | None = None  # None: those shipped
@@ -61,9 +62,8 @@ def evaluate_segmentation(
 ) -> SegmentationResult:
     """Score each method on packed parts (a folder or files).
 
-    `network` takes the place of `settings.weights`, in this process. UsageError for a folder without parts
-    or parts with too few points, WeightsError. A method that fails on a part labels none of its points, and
-    the row says why.
+    `network` takes the place of `settings.weights`, in this process. UsageError for a folder without parts,
+    WeightsError. A method that fails on a part labels none of its points, and the row says why.
     """
     files = (parts_in(data) if isinstance(data, Path) else list(data))[: settings.limit]
     given = network is not None
@@ -84,9 +84,9 @@ def parts_in(folder: Path) -> list[Path]:
     """The packed parts in a folder, in a fixed order. UsageError where there are none."""
     if not folder.is_dir():
         raise UsageError(f"{folder}: there is no such folder; check the name")
-    files = packed_clouds(folder)
+    files = packed_parts(folder)
     if not files:
-        raise UsageError(f"{folder}: there are no labelled clouds in it; make them with `sed2cad dataset`")
+        raise UsageError(f"{folder}: there are no packed parts in it; make them with `sed2cad dataset`")
     return files
 
 
@@ -97,8 +97,12 @@ def score_network(files: Sequence[Path], network: SedNet, noise: float = 0.0) ->
 
 
 def score_part(path: Path, settings: SegmentationSettings, network: SedNet | None) -> list[PartScores]:
-    """Every method on one part; the scan and the network's labels are made once."""
-    cloud = cloud_of(path, settings.points, settings.seed)
+    """Every method on one part; the scan and the network's labels are made once.
+
+    Where the network's classes know no torus, torus and B-spline are one type for every method.
+    """
+    cloud, paper = cloud_of(path, settings.points, settings.seed), network is not None and not network.shape.torus
+    cloud = replace(cloud, type=without_torus(cloud.type)) if paper else cloud
     name, nothing, labels = path.stem, Labelling.nothing(len(cloud.points)), None
     try:
         trial = make_trial(cloud, settings.noise, settings.seed, name)
@@ -113,6 +117,8 @@ def score_part(path: Path, settings: SegmentationSettings, network: SedNet | Non
         try:
             found = run_method(method, trial.scan, labels, EDGE_DISTANCE / trial.scan.frame.scale, settings.seed)
             found = trial.to_cloud(found)
+            if paper and found.type is not None:
+                found = replace(found, type=without_torus(found.type))
         except Exception as problem:  # one part must not end the table: its row says what happened
             error = f"{type(problem).__name__}: {problem}"
         seconds = Seconds(trial.seconds, predicted if method in NEED_NETWORK else 0.0, found.seconds)

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sed2cad.errors import UsageError
 from sed2cad.evaluation.methods import Labelling
+from sed2cad.network.graph import MAX_POINTS
 from sed2cad.scan.prepare import prepare
 from sed2cad.scan.raw import RawScan
 from sed2cad.scan.scan import Scan
 from sed2cad.training.augment import MAX_TURN, turn
-from sed2cad.training.dataset import load_cloud
+from sed2cad.training.dataset import load_part
 from sed2cad.training.labelled_part import LabelledCloud
 
 SAME_POINT = 1e-9
@@ -44,14 +44,8 @@ class Trial:
 
 
 def cloud_of(path: Path, points: int | None, seed: int) -> LabelledCloud:
-    """`points` labelled points (None: all) of a packed part, the same for the same seed. UsageError: too few."""
-    cloud = load_cloud(path)
-    size = len(cloud.points)
-    points = points or size
-    if points > size:
-        raise UsageError(f"{path}: holds {size} points, not {points}; make it with `sed2cad dataset --points`")
-    chosen = np.random.default_rng(seed).permutation(size)[:points] if points < size else np.arange(size)
-    return LabelledCloud(**{name: getattr(cloud, name)[chosen] for name in LabelledCloud.__dataclass_fields__})
+    """`points` labelled points (None: MAX_POINTS) of a packed part, the same for the same seed."""
+    return load_part(path).sample(np.random.default_rng(seed), points or MAX_POINTS)
 
 
 def make_trial(cloud: LabelledCloud, noise: float, seed: int, name: str = "scan") -> Trial:
@@ -62,7 +56,7 @@ def make_trial(cloud: LabelledCloud, noise: float, seed: int, name: str = "scan"
     """
     points, normals = cloud.points.astype(np.float64), cloud.normals.astype(np.float64)
     if noise:
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng([seed, 1])  # with cloud_of's generator, noise would follow the triangles
         reach = noise * np.linalg.norm(points, axis=1).max()
         points = points + normals * rng.uniform(-reach, reach, (len(points), 1))
         normals = turn(normals, MAX_TURN, rng)

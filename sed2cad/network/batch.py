@@ -38,16 +38,12 @@ class Batch:
     features: Tensor  # (all points, 58)
     neighbours: tuple[Tensor, Tensor, Tensor]  # per layer (its rows, k), into the stacked table of that layer
     tables: tuple[int, int]  # table sizes per cloud of layers 2 and 3
-    coarse_weights: (
-        Tensor  # (B rows, k) weights of neighbours[2], to carry values of the coarse points to all
-    )
+    coarse_weights: Tensor  # (B rows, k) weights of neighbours[2], to carry values of the coarse points to all
 
-    def to(self, device: str) -> Batch:
+    def to(self, device: str | torch.device) -> Batch:
         """The same batch on another device."""
         a, b, c = (near.to(device) for near in self.neighbours)
-        first, features, weights = (
-            t.to(device) for t in (self.first_rows, self.features, self.coarse_weights)
-        )
+        first, features, weights = (t.to(device) for t in (self.first_rows, self.features, self.coarse_weights))
         return Batch(self.clouds, self.rows, first, features, (a, b, c), self.tables, weights)
 
 

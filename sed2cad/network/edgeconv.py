@@ -34,4 +34,4 @@ class Mlp(nn.Sequential):
 
 def interpolate(table: Tensor, neighbours: Tensor, weights: Tensor) -> Tensor:
     """Weighted sums of table rows: (m, c), (n, k), (n, k) -> (n, c)."""
-    return functional.embedding_bag(neighbours, table, mode="sum", per_sample_weights=weights)
+    return functional.embedding_bag(neighbours, table, mode="sum", per_sample_weights=weights.to(table.dtype))

@@ -14,6 +14,7 @@ from sed2cad.network.batch import Cloud, stack
 from sed2cad.network.features import local_features
 from sed2cad.network.graph import MAX_POINTS, neighbour_graph
 from sed2cad.network.sednet import SedNet
+from sed2cad.network.types import from_paper
 
 NORMAL_WEIGHT = 0.03
 """A point takes the labels of the network's point next to it in (x, 0.03 n): on its side of a thin wall."""
@@ -27,14 +28,10 @@ class PointLabels:
     edge: NDArray[np.float32]  # (n,) probability to lie near an edge
     descriptors: NDArray[np.float32]  # (n, d), alike on one patch
     neighbours: NDArray[np.int64]  # (n, 10) nearest other points (of those the network sees)
-    same: NDArray[
-        np.float32
-    ]  # (n, 10) probability to lie on one patch with that neighbour; 0.5 without pair network
+    same: NDArray[np.float32]  # (n, 10) probability to lie on one patch with that neighbour; 0.5 without pair network
 
 
-def predict(
-    points: NDArray, normals: NDArray, network: SedNet, seed: int = 0, device: str = "cpu"
-) -> PointLabels:
+def predict(points: NDArray, normals: NDArray, network: SedNet, seed: int = 0, device: str = "cpu") -> PointLabels:
     """Label points (n, 3), n >= 50, in any frame and unit, with unit normals (n, 3).
 
     The network sees at most 10,000 of them in the frame it was trained in (box centred, longest side 1); the
@@ -51,8 +48,9 @@ def predict(
     nearest = cKDTree(keys[seen]).query(keys)[1]
     near, same = _pairs(points, normals, graph, network.to("cpu"))
     back = np.argsort(order)
+    probabilities = output[0].softmax(1).numpy()
     types, edge, descriptors = (
-        output[0].softmax(1).numpy(),
+        probabilities if network.shape.torus else from_paper(probabilities),
         output[1].softmax(1)[:, 1].numpy(),
         output[2].numpy(),
     )

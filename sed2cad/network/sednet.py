@@ -12,6 +12,7 @@ from torch.nn import functional
 
 from sed2cad.network.affinity import PairNet
 from sed2cad.network.batch import Batch
+from sed2cad.network.dynamic import feature_neighbours, normal_neighbours
 from sed2cad.network.edgeconv import EdgeConv, Mlp, interpolate
 from sed2cad.network.features import FEATURES
 from sed2cad.network.types import PATCH_TYPES
@@ -31,9 +32,7 @@ class Architecture:
     point_width: int = 512
     branch_width: int = 256
     descriptor: int = 128
-    local_width: int = (
-        128  # of the point-wise network on local features; 0: plain points and normals, as the paper
-    )
+    local_width: int = 128  # of the point-wise network on local features; 0: plain points and normals, as the paper
     transformer_layers: int = 2  # on the coarse points; 0: none, as the paper
     transformer_width: int = 192
     transformer_heads: int = 6
@@ -41,6 +40,8 @@ class Architecture:
     late_fusion: bool = True
     affinity_width: int = 0  # of the pair network, which is trained apart and attached; 0: none
     two_branches: bool = True  # False: one branch gives type, edge and descriptor, and nothing is fused
+    torus: bool = True  # classes are PATCH_TYPES; False: PAPER_TYPES
+    dynamic: int = 0  # neighbours in graphs rebuilt before each EdgeConv, as the paper (64); 0: fixed graphs
 
 
 class Output(NamedTuple):
@@ -134,6 +135,8 @@ class SedNet(nn.Module):
 
     def encode(self, batch: Batch) -> Tensor:
         """Three EdgeConv layers at three scales, concatenated: (B rows, 256)."""
+        if self.shape.dynamic:
+            return self._encode_dynamic(batch)
         with torch.no_grad():
             table = batch.features[:, :6] if self.local is None else self.local.embed(batch.features)
         x1 = self.convolutions[0](table[batch.first_rows], table, batch.neighbours[0])
@@ -142,15 +145,24 @@ class SedNet(nn.Module):
         x3 = self.convolutions[2](x2, _first(x2, batch.clouds, batch.tables[1]), batch.neighbours[2])
         return torch.cat([x1, x2, x3], 1)
 
+    def _encode_dynamic(self, batch: Batch) -> Tensor:
+        """The same with graphs among the rows of layer 1, rebuilt before each layer (the paper's form)."""
+        x, layers = batch.features[batch.first_rows], list[Tensor]()
+        near = normal_neighbours(x[:, :6], batch.clouds, self.shape.dynamic)
+        x = x[:, :6] if self.local is None else self.local.embed(x)
+        for layer in self.convolutions:
+            near = near if not layers else feature_neighbours(x, batch.clouds, self.shape.dynamic)
+            x = layer(x, x, near)
+            layers.append(x)
+        return _first(torch.cat(layers, 1), batch.clouds, batch.rows)
+
     def decode(self, local: Tensor, batch: Batch) -> Tensor:
         """Local and global feature to the point feature (B rows, 512); the layer is split in two."""
         some = _first(local, batch.clouds, min(GLOBAL_POINTS, batch.rows))
         whole = self.to_global(some).view(batch.clouds, -1, self.shape.global_width).amax(1)
         if self.transformer is not None:
             local = torch.cat([local, self.transformer(local, batch)], 1)
-        mixed = (
-            self.decode_local(local).view(batch.clouds, batch.rows, -1) + self.decode_global(whole)[:, None]
-        )
+        mixed = self.decode_local(local).view(batch.clouds, batch.rows, -1) + self.decode_global(whole)[:, None]
         return functional.leaky_relu(self.decode_norm(mixed), 0.2).flatten(0, 1)
 
     def branches(self, point: Tensor) -> Output:

@@ -13,17 +13,18 @@ from torch.nn import functional
 
 from sed2cad.network.affinity import PAIR_NEIGHBOURS, PairNet, pair_features
 from sed2cad.network.features import local_features
-from sed2cad.training.samples import VARIANTS, load_sample
+from sed2cad.training.samples import load_sample
 
 WIDTH = 128
-PAIRS = 700
+_KEY = 1  # of the samples, other than those of the local network
+PAIRS = 1_400
 """Pairs per part."""
 BATCH = 4_096
 LEARNING_RATE = 3e-3
 
 
 def train_affinity(parts: Sequence[Path], steps: int = 2_000, seed: int = 0) -> PairNet:
-    """A pair network trained on some pairs of every part; every third cloud is noisy."""
+    """A pair network trained on some pairs of a cloud of every part, clean or not."""
     rng = np.random.default_rng(seed)
     torch.manual_seed(seed)
     pairs, same = _pairs_of(parts, rng)
@@ -45,8 +46,8 @@ def train_affinity(parts: Sequence[Path], steps: int = 2_000, seed: int = 0) -> 
 def _pairs_of(parts: Sequence[Path], rng: np.random.Generator) -> tuple[Tensor, Tensor]:
     """Pair features (m, 77) and truth (m,) of random pairs."""
     pairs, same = [], []
-    for index, path in enumerate(parts):
-        sample = load_sample(path, VARIANTS - 1 if index % VARIANTS == 0 else 0)
+    for path in parts:
+        sample = load_sample(path, (_KEY,), 0)
         n, count = len(sample.points), min(PAIRS, len(sample.points))
         i = rng.integers(0, n, count)
         j = sample.neighbours[0, i, rng.integers(1, PAIR_NEIGHBOURS + 1, count)].astype(np.int64)

@@ -1,8 +1,10 @@
-"""A folder of CAD files to a packed training set: one .npz of a labelled cloud per part, no pickle."""
+"""A folder of CAD files to a packed training set: one small .npz per part, and a report; no pickle."""
 
 from __future__ import annotations
 
+import json
 import multiprocessing
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -10,13 +12,19 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from sed2cad.training.labelled_part import LabelledCloud, label_part
+import numpy as np
+
+from sed2cad.network.types import PATCH_TYPES
+from sed2cad.training.cad import label_part
+from sed2cad.training.labelled_part import LabelledPart
 
 SUFFIXES = {".step", ".stp", ".brep"}
 START_LIMIT = 60.0
 """Seconds that a child gets for its first part, imports included."""
 PART_LIMIT = 20.0
 """Seconds per part: OCC hangs on a few."""
+
+REPORT = "report.json"
 
 Progress = Callable[[int, int, str], None]
 """Called as progress(done, total, file name)."""
@@ -28,18 +36,36 @@ class DatasetReport:
 
     packed: list[Path]
     skipped: dict[Path, str]  # file -> reason
+    faces: dict[str, int]  # type -> how many, over all parts
+    disguised: dict[str, int]  # of those: held by the file as freeform surfaces
+    minutes: float  # of the clock
+    megabytes: float
+
+    def save(self, path: Path) -> None:
+        """Write it as JSON."""
+        skipped = {str(file): reason for file, reason in self.skipped.items()}
+        rows = {"files": len(self.packed), "skipped": skipped, "faces": self.faces, "disguised": self.disguised}
+        numbers = {"minutes": round(self.minutes, 2), "megabytes": round(self.megabytes, 2)}
+        path.write_text(json.dumps({**rows, **numbers}, indent=1) + "\n")
+
+    def __str__(self) -> str:
+        kinds = ", ".join(f"{count} {name}" for name, count in self.faces.items() if count)
+        return (
+            f"{len(self.packed)} parts, {self.megabytes:.1f} MB, {self.minutes:.1f} minutes; faces: {kinds}; "
+            f"{sum(self.disguised.values())} analytic faces found disguised as freeform; "
+            f"{len(self.skipped)} files skipped"
+        )
 
 
-def build_dataset(
-    folder: Path, out: Path, workers: int = 1, progress: Progress | None = None, count: int = 10_000
-) -> DatasetReport:
-    """Label every CAD file below `folder` and write `out`/NAME.npz; parts that are there already are kept."""
+def build_dataset(folder: Path, out: Path, workers: int = 1, progress: Progress | None = None) -> DatasetReport:
+    """Pack every CAD file below `folder` as `out`/NAME.npz (those there already are kept) and write report.json."""
+    start = time.monotonic()
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
     out.mkdir(parents=True, exist_ok=True)
     names = {path: "_".join(path.relative_to(folder).with_suffix("").parts) + ".npz" for path in files}
     packed, skipped, done = [], {}, 0
     with ThreadPoolExecutor(workers) as pool:
-        shares = [[(path, out / names[path], count) for path in files[i::workers]] for i in range(workers)]
+        shares = [[(path, out / names[path]) for path in files[i::workers]] for i in range(workers)]
         queue: multiprocessing.Queue[Any] = multiprocessing.Queue()
         runs = [pool.submit(_run, share, lambda *result: queue.put(result)) for share in shares]
         for done in range(1, len(files) + 1):
@@ -52,28 +78,40 @@ def build_dataset(
                 progress(done, len(files), path.name)
         for run in runs:
             run.result()
-    return DatasetReport(sorted(packed), skipped)
+    report = _report(sorted(packed), skipped, (time.monotonic() - start) / 60)
+    report.save(out / REPORT)
+    return report
 
 
-def packed_clouds(folder: Path) -> list[Path]:
-    """The packed parts below a folder, in a fixed order."""
+def _report(packed: list[Path], skipped: dict[Path, str], minutes: float) -> DatasetReport:
+    """Count the faces of the packed parts."""
+    counts = np.zeros((2, len(PATCH_TYPES)), int)
+    for path in packed:
+        part = load_part(path)
+        counts += [np.bincount(types, minlength=len(PATCH_TYPES)) for types in (part.type, part.type[part.disguised])]
+    faces, disguised = (dict(zip(PATCH_TYPES, row.tolist())) for row in counts)
+    return DatasetReport(packed, skipped, faces, disguised, minutes, sum(path.stat().st_size for path in packed) / 1e6)
+
+
+def packed_parts(folder: Path) -> list[Path]:
+    """The packed parts in a folder, in a fixed order."""
     return sorted(folder.glob("*.npz"))
 
 
-def load_cloud(path: Path) -> LabelledCloud:
+def load_part(path: Path) -> LabelledPart:
     """Read one packed part."""
-    return LabelledCloud.load(path)
+    return LabelledPart.load(path)
 
 
-def _run(jobs: Iterable[tuple[Path, Path, int]], tell: Callable[[Path, str], None]) -> None:
+def _run(jobs: Iterable[tuple[Path, Path]], tell: Callable[[Path, str], None]) -> None:
     """Label each part in a child that is replaced when it crashes or takes too long."""
     child: _Child | None = None
-    for path, out, count in jobs:
+    for path, out in jobs:
         if out.exists():
             tell(path, "")
             continue
         child = child or _Child()
-        reason = child.label(path, out, count)
+        reason = child.label(path, out)
         if not child.alive:
             child = None
         tell(path, reason)
@@ -93,10 +131,10 @@ class _Child:
         self.limit = START_LIMIT
         self.alive = True
 
-    def label(self, path: Path, out: Path, count: int) -> str:
+    def label(self, path: Path, out: Path) -> str:
         """Empty when the part was written, else the reason why not."""
         try:
-            self.pipe.send((path, out, count))
+            self.pipe.send((path, out))
             if self.pipe.poll(self.limit):
                 self.limit = PART_LIMIT
                 return self.pipe.recv()
@@ -114,12 +152,11 @@ class _Child:
 
 def _serve(pipe: Connection) -> None:
     while True:
-        path, out, count = pipe.recv()
+        path, out = pipe.recv()
         try:
-            cloud = label_part(path, count)
-            part = out.with_suffix(".part")
-            cloud.save(part)
-            part.rename(out)  # a killed child leaves no half-written cloud
+            half = out.with_suffix(".part")
+            label_part(path).save(half)
+            half.rename(out)  # a killed child leaves no half-written part
             pipe.send("")
         except Exception as error:  # the parent reports it and goes on with the next part
             pipe.send(str(error) or type(error).__name__)

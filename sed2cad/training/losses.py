@@ -24,6 +24,10 @@ class Target:
     patch: Tensor  # (n,) int64, 0 .. p-1 over the whole batch
     cloud: Tensor  # (p,) int64, the cloud of each patch
 
+    def to(self, device: torch.device) -> Target:
+        """The same target on another device."""
+        return Target(*(part.to(device) for part in (self.type, self.edge, self.patch, self.cloud)))
+
 
 class Losses(NamedTuple):
     """The terms of the loss, scalars."""
@@ -67,10 +71,7 @@ def embedding_loss(
     """
     patches, clouds = len(target.cloud), int(target.cloud.max()) + 1
     size = torch.bincount(target.patch, minlength=patches).to(descriptor)
-    mean = (
-        descriptor.new_zeros(patches, descriptor.shape[1]).index_add(0, target.patch, descriptor)
-        / size[:, None]
-    )
+    mean = descriptor.new_zeros(patches, descriptor.shape[1]).index_add(0, target.patch, descriptor) / size[:, None]
     distance = _norm(descriptor - mean[target.patch])
     excess = (distance - PULL_MARGIN).clamp_min(0) * torch.where(target.edge == 1, edge_weight, 1.0)
     patch_pull = descriptor.new_zeros(patches).index_add(0, target.patch, excess) / size

@@ -15,9 +15,10 @@ from sed2cad.network.features import local_features
 from sed2cad.network.sednet import LocalNet
 from sed2cad.network.types import PATCH_TYPES
 from sed2cad.training.augment import random_motion
-from sed2cad.training.samples import VARIANTS, load_sample
+from sed2cad.training.samples import load_sample
 
-ROWS = 600
+_KEY = 0  # of the samples
+ROWS = 1_200
 """Points per cloud."""
 BATCH = 4_096
 LEARNING_RATE = 3e-3
@@ -48,17 +49,17 @@ def pretrain_local(local: LocalNet, parts: Sequence[Path], steps: int, rng: np.r
 
 
 def _points_of(parts: Sequence[Path], rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor]:
-    """Features (n, 58), types and edges of some points of every part; every third cloud is noisy."""
+    """Features (n, 58), types and edges of some points of a cloud of every part, clean or not."""
     features, types, edges = [], [], []
-    for index, path in enumerate(parts):
-        sample = load_sample(path, VARIANTS - 1 if index % VARIANTS == 0 else 0)
+    for path in parts:
+        sample = load_sample(path, (_KEY,), ROWS)
         motion = random_motion(rng)
         points = torch.from_numpy(sample.points @ motion.T)
         normals = functional.normalize(torch.from_numpy(sample.normals @ motion.T), dim=1)
         near = torch.from_numpy(sample.neighbours[:, :ROWS].astype(np.int64))
         features.append(local_features(points, normals, near))
         types.append(sample.type[:ROWS])
-        edges.append(sample.edge[:ROWS])
+        edges.append(sample.edge)
     return (
         torch.cat(features),
         torch.from_numpy(np.concatenate(types)).long(),

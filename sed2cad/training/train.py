@@ -1,16 +1,12 @@
-"""Train SED-Net on packed parts, within a time budget, resumable.
-
-python -m sed2cad.training.train run DATA RUN [--minutes 125] [--wall] [--threads 1]
-python -m sed2cad.training.train export RUN OUT.safetensors      the best weights so far, also while it runs
-"""
+"""Train SED-Net on packed parts, within a time budget, resumable, in one process or under torchrun."""
 
 from __future__ import annotations
 
 import json
 import math
+import shutil
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,146 +15,144 @@ from safetensors.torch import load_file, save_file
 
 from sed2cad.evaluation.segmentation import score_network
 from sed2cad.network.affinity import PairNet
-from sed2cad.network.batch import Batch, Cloud, stack
-from sed2cad.network.graph import neighbour_graph
-from sed2cad.network.sednet import Architecture, SedNet
+from sed2cad.network.sednet import SedNet
 from sed2cad.network.weights import load_weights, save_weights
 from sed2cad.training.affinity import WIDTH, train_affinity
-from sed2cad.training.augment import random_motion
-from sed2cad.training.dataset import packed_clouds
-from sed2cad.training.losses import EDGE_WEIGHT, Target, losses
+from sed2cad.training.dataset import packed_parts
+from sed2cad.training.losses import losses
+from sed2cad.training.parallel import Team
 from sed2cad.training.pretrain import pretrain_local
-from sed2cad.training.samples import VARIANTS, Sample, load_sample
+from sed2cad.training.settings import TrainSettings
+from sed2cad.training.stream import Stream, make_batch
 
 AFFINITY = "affinity.safetensors"
 """File of the pair network in the folder of a run."""
 Report = Callable[[dict[str, float]], None]
 """Called with every line of the log."""
+LOGGED = ("loss", "type_loss", "edge_loss", "pull", "push", "train_type_accuracy")
 
 
-@dataclass(frozen=True)
-class TrainSettings:
-    """How to train; times are minutes."""
+def train(settings: TrainSettings, data: Path | Sequence[Path], out: Path, report: Report | None = None) -> Path:
+    """Train on the packed parts in `data`, or go on from `out`'s checkpoint; returns the best weights.
 
-    architecture: Architecture = field(default_factory=Architecture)
-    minutes: float = 125.0  # the learning rate falls to nothing over this time
-    wall: bool = False  # minutes of the clock, not of the processor
-    threads: int = 1
-    batch: int = 4  # clouds a step
-    rows: int = 2_048  # points a cloud in the loss
-    learning_rate: float = 2e-3
-    warm_up: int = 100  # steps
-    weight_decay: float = 1e-2
-    clip: float = 2.0  # norm of the gradient
-    push_power: float = 0.5  # see losses.embedding_loss
-    edge_weight: float = EDGE_WEIGHT  # lambda
-    pretrain_steps: int = 2_500
-    pair_network: bool = True  # also train the pair network, which `export` needs
-    points: int | None = None  # of each cloud that the network sees; None: all
-    parts: int | None = None  # trained on; None: all but those held out
-    log_steps: int = 50
-    validate_minutes: float = 12.0
-    held_out: int = 60  # parts that are not trained on
-    validation_parts: int = 20  # of those, scored during training
-    max_steps: int | None = None
-    seed: int = 0
-
-
-def train(settings: TrainSettings, data: Path, out: Path, report: Report | None = None) -> Path:
-    """Train on the packed parts in `data`, or go on from `out`'s checkpoint; returns the best weights."""
+    Of several folders the first holds real parts, some of which are held out for validation; the parts of the
+    others (synthetic ones) are all trained on.
+    """
     torch.set_num_threads(settings.threads)
     torch.manual_seed(settings.seed)
     out.mkdir(parents=True, exist_ok=True)
-    return _Run(settings, data, out, report).run()
+    folders = [data] if isinstance(data, Path) else list(data)
+    team = Team.join(settings.device)
+    best = _Run(settings, folders, out, team, report).run()
+    team.leave()
+    return best
+
+
+def split_parts(settings: TrainSettings, folders: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Parts to train on and held-out parts; the latter depend on the seed and the first folder's file names."""
+    real, *others = (packed_parts(folder) for folder in folders)
+    order = np.random.default_rng(settings.seed).permutation(len(real))
+    held_out = min(settings.held_out, len(real) // 5)
+    added = [path for parts in others for path in parts]
+    trained = [real[i] for i in order[held_out:]] + added
+    return trained[: settings.parts], [real[i] for i in order[:held_out]]
 
 
 class _Run:
     """One training run: the network, its optimizer, the clock and the log."""
 
-    def __init__(self, settings: TrainSettings, data: Path, out: Path, report: Report | None) -> None:
-        self.settings, self.out, self.report = settings, out, report
-        parts = packed_clouds(data)
-        order = np.random.default_rng(settings.seed).permutation(len(parts))
-        held_out = min(settings.held_out, len(parts) // 5)
-        self.held_out = [parts[i] for i in order[:held_out]]
-        self.parts = [parts[i] for i in order[held_out:]][: settings.parts]
+    def __init__(
+        self, settings: TrainSettings, folders: Sequence[Path], out: Path, team: Team, report: Report | None
+    ) -> None:
+        self.settings, self.out, self.team, self.report = settings, out, team, report
+        self.parts, self.held_out = split_parts(settings, folders)
         self.step, self.spent, self.best = 0, 0.0, -1.0
-        resume = (out / "state.pt").exists()
-        self.network = load_weights(out / "last.safetensors") if resume else SedNet(settings.architecture)
-        trained = [parameter for parameter in self.network.parameters() if parameter.requires_grad]
+        self.resumes = (out / "state.pt").exists()
+        start = out / "last.safetensors" if self.resumes else settings.init
+        self.network = load_weights(start) if start else SedNet(settings.architecture)
+        self.network.to(team.device)
+        self.trained = [parameter for parameter in self.network.parameters() if parameter.requires_grad]
         self.optimizer = torch.optim.AdamW(
-            trained, settings.learning_rate, betas=(0.9, 0.98), weight_decay=settings.weight_decay
+            self.trained, settings.learning_rate, betas=(0.9, 0.98), weight_decay=settings.weight_decay
         )
-        if resume:
-            state = torch.load(out / "state.pt", weights_only=True)
+        if self.resumes:
+            state = torch.load(out / "state.pt", weights_only=True, map_location=team.device)
             self.optimizer.load_state_dict(state["optimizer"])
             self.step, self.spent, self.best = state["step"], state["spent"], state["best"]
+        self.stream = Stream(self.parts, settings, team.rank, team.size)
 
     def run(self) -> Path:
         """Steps until the time or the steps are used up, with a validation now and then and at the end."""
-        settings, budget = self.settings, self.settings.minutes * 60
+        settings = self.settings
         self.tick = self._clock()
-        if self.step == 0:
+        if not self.resumes and self.team.leads:
             self._pretrain()
+        self.team.share_weights(self.network)
         self.network.train()
         running: list[list[float]] = []
-        validated = self.spent
-        while self._elapsed() < budget and self.step < (settings.max_steps or math.inf):
-            used = self.step / settings.max_steps if settings.max_steps else 0.0
-            running.append(self._one_step(max(self.spent / budget, used)))
+        validated = self.team.agree(self._elapsed())
+        while (elapsed := self.team.agree(self._elapsed())) / 60 < settings.minutes and self.step < self._steps():
+            if elapsed - validated > settings.validate_minutes * 60:
+                self._validate()
+                validated = self.team.agree(self._elapsed())
+            running.append(self._one_step(max(elapsed / 60 / settings.minutes, self.step / self._steps())))
             self.step += 1
             if self.step % settings.log_steps == 0:
                 self._log(dict(zip(LOGGED, np.mean(running, axis=0).tolist())))
                 running.clear()
-            if self._elapsed() - validated > settings.validate_minutes * 60:
-                self._validate()
-                validated = self._elapsed()
         self._validate()
         return self.out / "best.safetensors"
 
+    def _steps(self) -> float:
+        """How many steps the epochs take; at most `max_steps`."""
+        each = self.settings.batch * self.team.size / self.settings.reuse
+        return min(self.settings.epochs * len(self.parts) / each, self.settings.max_steps or math.inf)
+
     def _pretrain(self) -> None:
-        """The two point-wise networks, each in a minute: on local features, and on pairs."""
-        steps = self.settings.pretrain_steps
-        if self.network.local is not None:
-            rng = np.random.default_rng(self.settings.seed)
-            self._log({"pretrain_type_accuracy": pretrain_local(self.network.local, self.parts, steps, rng)})
-        if self.settings.pair_network:
-            save_file(train_affinity(self.parts, steps, self.settings.seed).state_dict(), self.out / AFFINITY)
+        """The two point-wise networks, each in a minute: on local features, and on pairs. Given ones are kept."""
+        settings, parts = self.settings, self.parts[: self.settings.pretrain_parts]
+        if self.network.local is not None and settings.init is None:
+            rng = np.random.default_rng(settings.seed)
+            local = self.network.local.cpu()
+            self._log({"pretrain_type_accuracy": pretrain_local(local, parts, settings.pretrain_steps, rng)})
+            self.network.to(self.team.device)
+        given = settings.init.with_name(AFFINITY) if settings.init else None
+        if self.network.affinity is not None:
+            save_file(self.network.affinity.state_dict(), self.out / AFFINITY)
+        elif given and given.exists():
+            shutil.copyfile(given, self.out / AFFINITY)
+        elif settings.pair_network:
+            pairs = train_affinity(parts, settings.pretrain_steps, settings.seed)
+            save_file(pairs.state_dict(), self.out / AFFINITY)
 
     def _one_step(self, progress: float) -> list[float]:
-        settings = self.settings
+        settings, device = self.settings, self.team.device
         rate = settings.learning_rate * min(1.0, (self.step + 1) / settings.warm_up)
         for group in self.optimizer.param_groups:
-            group["lr"] = max(rate * 0.5 * (1 + math.cos(math.pi * progress)), 1e-5)
-        batch, target = make_batch(
-            self._samples(), settings.rows, np.random.default_rng([settings.seed, self.step])
-        )
-        output = self.network(batch)
-        terms = losses(
-            output.type, output.edge, output.descriptor, target, settings.push_power, settings.edge_weight
-        )
+            group["lr"] = max(rate * 0.5 * (1 + math.cos(math.pi * progress)), settings.learning_rate / 200)
+        rng = np.random.default_rng([settings.seed, self.step, self.team.rank])
+        samples = self.stream.samples(self.step, settings.batch)
+        batch, target = make_batch(samples, settings.rows, rng, self.network.shape.torus)
+        target = target.to(device)
+        with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
+            output = self.network(batch.to(device))
+        type_, edge, descriptor = (part.float() for part in output)
+        terms = losses(type_, edge, descriptor, target, settings.push_power, settings.edge_weight)
         self.optimizer.zero_grad()
         terms.total().backward()
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), settings.clip)
+        self.team.average_gradients(self.trained)
+        torch.nn.utils.clip_grad_norm_(self.trained, settings.clip)
         self.optimizer.step()
-        right = (output.type.argmax(1) == target.type).float().mean()
+        right = (type_.argmax(1) == target.type).float().mean()
         return [float(value.detach()) for value in (terms.total(), *terms, right)]
-
-    def _samples(self) -> list[Sample]:
-        """The clouds of this step: each epoch takes every part once in one of its variants."""
-        samples = []
-        for position in range(self.step * self.settings.batch, (self.step + 1) * self.settings.batch):
-            epoch, index = divmod(position, len(self.parts))
-            order = np.random.default_rng([self.settings.seed, epoch]).permutation(len(self.parts))
-            sample = load_sample(self.parts[order[index]], (epoch + int(order[index])) % VARIANTS)
-            samples.append(shorten(sample, self.settings.points) if self.settings.points else sample)
-        return samples
 
     def _validate(self) -> None:
         """Score the held-out parts, keep the best weights, and write the checkpoint."""
+        if not self.team.leads:
+            return
         save_weights(self.network, self.out / "last.safetensors")
         scores = score_network(self.held_out[: self.settings.validation_parts], self.network.eval())
-        self.network.train()
+        self.network.to(self.team.device).train()
         value = scores.type_accuracy + scores.p_miou_strict + scores.p_miou_large
         if value > self.best:
             self.best = value
@@ -178,51 +172,14 @@ class _Run:
         return self.spent
 
     def _log(self, values: dict[str, float]) -> None:
-        line = {
-            "step": self.step,
-            "minutes": self._elapsed() / 60,
-            "cpu_minutes": time.process_time() / 60,
-            **values,
-        }
-        line = {name: round(value, 4) for name, value in line.items()}
+        if not self.team.leads:
+            return
+        times = {"step": self.step, "minutes": self._elapsed() / 60, "cpu_minutes": time.process_time() / 60}
+        line = {name: round(value, 4) for name, value in {**times, **values}.items()}
         with (self.out / "log.jsonl").open("a") as log:
             log.write(json.dumps(line) + "\n")
         if self.report:
             self.report(line)
-
-
-LOGGED = ("loss", "type_loss", "edge_loss", "pull", "push", "train_type_accuracy")
-
-
-def shorten(sample: Sample, points: int) -> Sample:
-    """The first points of a sample, which come in random order, and their neighbours among them."""
-    arrays = {name: getattr(sample, name)[:points] for name in Sample.__dataclass_fields__}
-    return Sample(**{**arrays, "neighbours": neighbour_graph(arrays["points"])})
-
-
-def make_batch(samples: Sequence[Sample], rows: int, rng: np.random.Generator) -> tuple[Batch, Target]:
-    """Move each sample at random and stack them; the target of their first `rows` points."""
-    clouds, patches, owners, count = [], [], [], 0
-    for index, sample in enumerate(samples):
-        motion = random_motion(rng)
-        normals = sample.normals @ motion.T
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-        clouds.append(Cloud(sample.points @ motion.T, normals, sample.neighbours))
-        names, patch = np.unique(sample.patch[:rows], return_inverse=True)
-        patches.append(patch + count)
-        owners.append(np.full(len(names), index))
-        count += len(names)
-    target = Target(
-        _long([sample.type[:rows] for sample in samples]),
-        _long([sample.edge[:rows] for sample in samples]),
-        _long(patches),
-        _long(owners),
-    )
-    return stack(clouds, rows), target
-
-
-def _long(arrays: Sequence[np.ndarray]) -> torch.Tensor:
-    return torch.from_numpy(np.concatenate(arrays).astype(np.int64))
 
 
 def export(run: Path, out: Path) -> None:
@@ -232,34 +189,3 @@ def export(run: Path, out: Path) -> None:
     pairs.load_state_dict(load_file(run / AFFINITY))
     network.attach(pairs, WIDTH)
     save_weights(network, out, half=True)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """The two commands of this module."""
-    import argparse
-
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    commands = parser.add_subparsers(dest="command", required=True)
-    run = commands.add_parser("run")
-    run.add_argument("data", type=Path)
-    run.add_argument("out", type=Path)
-    run.add_argument("--minutes", type=float, default=TrainSettings.minutes)
-    run.add_argument("--threads", type=int, default=TrainSettings.threads)
-    run.add_argument("--wall", action="store_true", help="minutes of the clock, not of the processor")
-    run.add_argument("--steps", type=int, default=None)
-    export_ = commands.add_parser("export")
-    export_.add_argument("run", type=Path)
-    export_.add_argument("out", type=Path)
-    given = parser.parse_args(arguments)
-    if given.command == "export":
-        return export(given.run, given.out)
-    settings = TrainSettings(
-        minutes=given.minutes, threads=given.threads, wall=given.wall, max_steps=given.steps
-    )
-    train(settings, given.data, given.out, lambda line: print(json.dumps(line), flush=True))
-
-
-if __name__ == "__main__":
-    main()

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from sed2cad.errors import UsageError
+from sed2cad.evaluation import trial
 from sed2cad.evaluation.ablation import (
     SCORES,
     AblationRun,
@@ -15,7 +16,7 @@ from sed2cad.evaluation.ablation import (
 )
 from sed2cad.network.sednet import Architecture, SedNet
 from sed2cad.network.weights import load_weights, save_weights
-from tests.evaluation.clouds import cube
+from tests.evaluation.clouds import box
 
 SMALL = Architecture((8, 8, 8), 16, 16, 8, 4, 8, 1, 8, 2)
 TINY = AblationSettings(
@@ -30,7 +31,7 @@ ROWS = [
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("parts")
     for seed in range(5):
-        cube(900, seed).save(folder / f"{seed}.npz")
+        box(0.5 + 0.1 * seed).save(folder / f"{seed}.npz")
     return folder
 
 
@@ -42,7 +43,8 @@ def test_rows_differ_in_one_thing_each():
     assert not rows["without two branches"].architecture.two_branches
 
 
-def test_finished_rows_are_not_trained_again(data, tmp_path):
+def test_finished_rows_are_not_trained_again(data, tmp_path, monkeypatch):
+    monkeypatch.setattr(trial, "MAX_POINTS", 1_000)  # of the training's own validation
     sentences = []
     runs = run_ablation(data, data, tmp_path / "runs", TINY, sentences.append)
     assert [run.row for run in runs] == ROWS

@@ -1,14 +1,19 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from sed2cad.errors import UsageError
-from sed2cad.evaluation.methods import grow_regions, labels_of, near_boundaries, run_method
+from sed2cad.evaluation import segmentation
+from sed2cad.evaluation.methods import NETWORK, Labelling, grow_regions, labels_of, near_boundaries, run_method
 from sed2cad.evaluation.metrics import match_patches
 from sed2cad.evaluation.scores import ClassCounts, Seconds, score, summarise
+from sed2cad.evaluation.segmentation import SegmentationSettings, score_part
 from sed2cad.evaluation.trial import cloud_of, make_trial
-from sed2cad.network.types import PLANE, SPHERE
+from sed2cad.network.graph import MAX_POINTS
+from sed2cad.network.sednet import Architecture, SedNet
+from sed2cad.network.types import BSPLINE, PLANE, SPHERE, TORUS
 from sed2cad.primitives.base import Patch
-from tests.evaluation.clouds import cube
+from tests.evaluation.clouds import box, cube
 
 
 def test_regions_are_the_sides_of_a_cube():
@@ -64,14 +69,45 @@ def test_noise_goes_along_the_normal():
     assert trial.scan.noise > 0.001
 
 
-def test_cloud_of_takes_as_many_points_as_there_are(tmp_path):
-    path = tmp_path / "cube.npz"
-    cube(600).save(path)
-    some = cloud_of(path, 300, 1)
-    assert len(some.points) == len(some.patch) == 300
-    np.testing.assert_array_equal(some.points, cloud_of(path, 300, 1).points)
-    with pytest.raises(UsageError, match="holds 600 points, not 601"):
-        cloud_of(path, 601, 0)
+@pytest.mark.parametrize("points", [300, 12_000])
+def test_cloud_of_draws_any_number_of_points(tmp_path, points):
+    path = tmp_path / "box.npz"
+    box().save(path)
+    cloud = cloud_of(path, points, 1)
+    assert len(cloud.points) == len(cloud.patch) == points
+    np.testing.assert_array_equal(cloud.points, cloud_of(path, points, 1).points)
+    assert (cloud.points != cloud_of(path, points, 2).points).any()
+    assert len(cloud_of(path, None, 1).points) == MAX_POINTS
+
+
+def test_noise_does_not_follow_the_order_of_the_triangles(tmp_path):
+    """The generator of the noise is not the one that drew the points: displacements average out on every side."""
+    path = tmp_path / "box.npz"
+    box().save(path)
+    cloud = cloud_of(path, 6_000, 0)
+    trial = make_trial(cloud, 0.01, 0)
+    kept = trial.row >= 0
+    moved = trial.scan.frame.to_world(trial.scan.points)[trial.row[kept]] - cloud.points[kept]
+    along = np.einsum("ij,ij->i", moved, cloud.normals[kept])
+    for side in range(6):
+        assert abs(along[cloud.patch[kept] == side].mean()) < 0.001
+
+
+def test_a_network_without_torus_is_scored_without_torus(tmp_path, monkeypatch):
+    """Truth torus, found B-spline, is right for the paper's classes and wrong for the others."""
+    path = tmp_path / "box.npz"
+    box().save(path)
+    truth = cloud_of(path, 600, 0)
+    truth = replace(truth, type=np.full(600, TORUS, np.int8))
+    said = Labelling(truth.patch.astype(np.int64), np.full(600, BSPLINE), np.zeros(600, bool))
+    monkeypatch.setattr(segmentation, "cloud_of", lambda *_: truth)
+    monkeypatch.setattr(segmentation, "run_method", lambda method, scan, *_: said)
+    settings = SegmentationSettings((NETWORK,), 600)
+    shape = Architecture((8, 8, 8), 16, 16, 8, 4, 8, 1, 8, 2)
+    for torus, right in ((True, 0), (False, 1)):
+        row = score_part(path, settings, SedNet(replace(shape, torus=torus)))[0]
+        assert (row.error, row.type_accuracy, row.t_miou) == ("", right, right)
+        assert row.classes[TORUS].points == (600 if torus else 0)
 
 
 def test_scores_of_a_part_and_of_two():

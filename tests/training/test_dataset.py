@@ -1,38 +1,51 @@
+import json
 from math import pi
 
 import numpy as np
 import pytest
 
 from sed2cad.network.types import CYLINDER, PLANE
-from sed2cad.training.dataset import build_dataset, load_cloud
-from sed2cad.training.samples import EDGE_DISTANCE, VARIANTS, load_sample
+from sed2cad.training.dataset import build_dataset, load_part, packed_parts
+from tests.training.cadparts import write
 
 
 @pytest.fixture(scope="module")
 def packed(tmp_path_factory):
     """Two CAD files, one damaged file, packed."""
-    from build123d import Box, Cylinder, export_brep, export_step
+    from build123d import Box, Cylinder
 
     parts, out = tmp_path_factory.mktemp("parts"), tmp_path_factory.mktemp("packed")
-    export_step(Box(40, 30, 20) - Cylinder(5, 20), parts / "holed.step")
     (parts / "deep").mkdir()
-    export_brep(Cylinder(5, 20), parts / "deep" / "rod.brep")
+    write(Box(40, 30, 20) - Cylinder(5, 20), parts / "holed.step")
+    write(Cylinder(5, 20), parts / "deep" / "rod.brep")
     (parts / "bad.stp").write_text("nothing")
     calls = []
-    report = build_dataset(parts, out, workers=1, progress=lambda *call: calls.append(call), count=4_000)
+    report = build_dataset(parts, out, workers=1, progress=lambda *call: calls.append(call))
     return report, calls, out
 
 
-def test_report(packed):
+def test_one_bad_file_does_not_stop_the_run(packed):
     report, calls, out = packed
-    assert report.packed == [out / "deep_rod.npz", out / "holed.npz"]
+    assert report.packed == packed_parts(out) == [out / "deep_rod.npz", out / "holed.npz"]
     assert [path.name for path in report.skipped] == ["bad.stp"]
     assert all(report.skipped.values())
     assert [call[:2] for call in calls] == [(1, 3), (2, 3), (3, 3)]
 
 
+def test_report_is_written(packed):
+    report, _, out = packed
+    written = json.loads((out / "report.json").read_text())
+    assert written["files"] == 2
+    assert [reason for reason in written["skipped"].values()] == list(report.skipped.values())
+    assert (written["faces"]["plane"], written["faces"]["cylinder"]) == (8, 2)
+    assert sum(written["disguised"].values()) == 0
+    assert 0 < written["megabytes"] < 0.02
+    assert "2 parts" in str(report)
+    assert "1 files skipped" in str(report)
+
+
 def test_labels_of_a_box_with_a_hole(packed):
-    cloud = load_cloud(packed[2] / "holed.npz")
+    cloud = load_part(packed[2] / "holed.npz").sample(np.random.default_rng(0), 4_000)
     assert len(cloud.points) == 4_000
     assert cloud.patch.max() + 1 == 7
     assert set(cloud.type) == {PLANE, CYLINDER}
@@ -47,7 +60,7 @@ def test_labels_of_a_box_with_a_hole(packed):
 
 def test_distance_to_edges(packed):
     """On the top of the box away from the hole the nearest edge is the nearest side."""
-    cloud = load_cloud(packed[2] / "holed.npz")
+    cloud = load_part(packed[2] / "holed.npz").sample(np.random.default_rng(0), 4_000)
     x, y, z = (cloud.points * 40).T
     top = (z > 10 - 1e-4) & (np.hypot(x, y) > 12)
     expected = np.minimum(np.minimum(20 - abs(x), 15 - abs(y)) / 40, 0.1)[top]
@@ -55,20 +68,7 @@ def test_distance_to_edges(packed):
 
 
 def test_a_seam_is_no_edge(packed):
-    cloud = load_cloud(packed[2] / "deep_rod.npz")
+    cloud = load_part(packed[2] / "deep_rod.npz").sample(np.random.default_rng(0), 4_000)
     assert cloud.patch.max() + 1 == 3
     middle = (cloud.type == CYLINDER) & (abs(cloud.points[:, 2]) < 0.3)
     assert cloud.edge_distance[middle].min() > 0.09
-
-
-def test_samples_are_cached_and_the_same_each_time(packed):
-    path = packed[2] / "holed.npz"
-    for variant in range(VARIANTS):
-        made, cached = load_sample(path, variant), load_sample(path, variant)
-        np.testing.assert_array_equal(made.points, cached.points)
-        assert made.neighbours.shape == (3, len(made.points), 16)
-        assert made.neighbours[2].max() < 256
-        assert np.allclose(np.linalg.norm(made.normals, axis=1), 1, atol=1e-3)
-    clean = load_sample(path, 0)
-    assert clean.edge.mean() == pytest.approx((load_cloud(path).edge_distance < EDGE_DISTANCE).mean())
-    assert (path.parent / "cache" / "holed_0.npz").exists()
