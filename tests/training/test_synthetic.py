@@ -64,8 +64,8 @@ def test_command_writes_the_same_bytes_in_other_processes_and_order(some, tmp_pa
     assert [path.name for path in paths] == [f"synthetic_{k:06d}.brep" for k in (3, 4, 5)]
     for seed, path in zip((3, 4, 5), paths):
         assert path.read_bytes() == written(some[seed], tmp_path / "here.brep")
-        assert written(random_part(seed), tmp_path / "again.brep") == path.read_bytes()
         assert BRepCheck_Analyzer(read_shape(path)).IsValid()
+    assert written(random_part(3), tmp_path / "again.brep") == paths[0].read_bytes()
 
 
 def test_files_that_are_there_are_kept(tmp_path):

@@ -19,8 +19,8 @@ class Dice:
 
     def __init__(self, *seed: int) -> None:
         self._rng = np.random.default_rng(seed)
-        self.conical = self.chance(0.3)
-        self.rounded = self.chance(0.48)
+        self.conical = self.chance(0.2)
+        self.rounded = self.chance(0.44)
 
     def chance(self, probability: float) -> bool:
         return bool(self._rng.random() < probability)

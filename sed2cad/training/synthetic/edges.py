@@ -47,7 +47,7 @@ def sharp_edges(part: Solid) -> list[SharpEdge]:
 
 def group(dice: Dice, edges: list[SharpEdge]) -> list[Edge]:
     """Edges that a designer would round together: parallel, equal circles, around a face, at a corner, or any."""
-    kind = dice.pick(["parallel", "circles", "face", "corner", "any"], [3, 2.5, 3, 1.5, 1.5])
+    kind = dice.pick(["parallel", "circles", "face", "corner", "any"], [3, 3.5, 3, 2.5, 1.5])
     first = dice.pick(edges)
     circles = [e.edge for e in edges if e.edge.geom_type == GeomType.CIRCLE]
     lines = [e.edge for e in edges if e.edge.geom_type == GeomType.LINE]

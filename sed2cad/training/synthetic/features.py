@@ -43,7 +43,7 @@ class Features:
 def bore(dice: Dice, radius: float, depth: float, through: bool) -> Solid:
     """The tool of a hole down from z = 0: plain, bevelled, counterbored or countersunk, with a flat or drill tip."""
     end = -depth - OVER if through else -dice.between(0.3, 0.75) * depth
-    head = dice.pick(["plain", "bevel", "bore", "sink"], [6, *([1.5, 1.5, 1] if dice.conical else [0, 1, 0])])
+    head = dice.pick(["plain", "bevel", "bore", "sink"], [4, *([2, 1.5, 2] if dice.conical else [0, 1, 0])])
     wide, step = radius * dice.between(1.5, 2.0), min(radius * dice.between(0.4, 1.0), 0.5 * -end)
     profile: list[Point2] = [(0, OVER)]
     if head == "bevel":
@@ -108,8 +108,9 @@ def add_pocket(dice: Dice, features: Features, seat: Seat) -> None:
     elif kind == "disc":
         face = disc(small)
     elif kind == "ball":
-        ball = Solid.make_sphere(small).translate((0, 0, small - min(depth, 0.8 * small, 0.8 * seat.depth)))
-        features.remove.append(ball.moved(seat.at(0, 0)))
+        radius = small * dice.between(0.2, 0.7)
+        ball = Solid.make_sphere(radius).translate((0, 0, radius - min(depth, 0.8 * radius, 0.8 * seat.depth)))
+        features.remove += [ball.moved(seat.at(*place)) for place in pattern(dice, x, y, 0.9 * radius)]
         return
     elif kind == "polygon":
         face = outline(regular(dice.whole(3, 8), small, (0.2 * small if dice.chance(0.4) else 0)))
@@ -125,7 +126,9 @@ def add_boss(dice: Dice, features: Features, seat: Seat) -> None:
     """Raised cylinders, cones, blocks or hexagons, often with a hole."""
     radius = min(seat.x, seat.y) * dice.between(0.15, 0.6)
     height = radius * dice.spread(0.3, 2.5)
-    kind = dice.pick(["rod", "taper", "block", "hexagon", "stepped", "dome"], [3, 0.7, 3, 1.5, 1, 1])
+    kind = dice.pick(
+        ["rod", "taper", "block", "hexagon", "stepped", "dome"], [3, 3 if dice.conical else 0, 3, 1.5, 1, 1]
+    )
     bottom = -min(OVER, 0.5 * seat.depth)
     if kind == "block":
         side = rectangle(radius, radius * dice.between(0.5, 1), 0.3 * radius if dice.chance(0.5) else 0)

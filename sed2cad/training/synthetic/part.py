@@ -33,14 +33,14 @@ MAKERS: list[tuple[Maker, float]] = [
     (turned.handwheel, 1),
     (turned.elbow, 1.5),
     (turned.coupling, 1),
-    (freeform.cam, 2),
+    (freeform.cam, 1.5),
     (freeform.blend, 3),
     (freeform.swept, 1),
-    (freeform.skinned, 2),
+    (freeform.skinned, 1.7),
     (freeform.impeller, 2.5),
     (freeform.turned_spline, 1.3),
     (freeform.moulded, 2.5),
-    (freeform.grip, 1.2),
+    (freeform.grip, 0.6),
 ]
 """The makers and their shares, by the families of real parts: 56 % prismatic, 14 sheet, 14 turned, 16 freeform."""
 

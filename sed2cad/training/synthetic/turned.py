@@ -28,7 +28,7 @@ from sed2cad.training.synthetic.shapes import (
 
 def _trim(dice: Dice, room: float) -> tuple[float, bool]:
     """How a corner of a profile is cut: not, bevelled (a cone) or rounded (a torus)."""
-    kind = dice.pick(["sharp", "bevel", "round"], [0.62, 0.26, 0.12])
+    kind = dice.pick(["sharp", "bevel", "round"], [0.6, 0.22, 0.18])
     return (0.0 if kind == "sharp" else room * dice.spread(0.06, 0.3)), kind == "round"
 
 
