@@ -15,7 +15,8 @@ from sed2cad.training.labelled_part import read_shape
 from sed2cad.training.synthetic import part as parts_module
 from sed2cad.training.synthetic import random_part, write_parts
 from sed2cad.training.synthetic.folder import ATTEMPTS, first_sound
-from sed2cad.training.synthetic.shapes import Corner, box, outline, regular, rod
+from sed2cad.training.synthetic.settle import rounded, settled
+from sed2cad.training.synthetic.shapes import Corner, box, is_sound, outline, regular, rod
 
 SEEDS = range(18)
 
@@ -144,3 +145,11 @@ def test_corners_are_rounded_by_tangent_arcs():
     sharp = outline(regular(4, sqrt(2)))
     assert sharp.area == pytest.approx(4)
     assert rod(1, 2).volume == pytest.approx(2 * pi)
+
+
+def test_numbers_are_rounded_and_the_rest_of_the_text_is_not():
+    text = b"V1, (c) 7.9\n1 4.1477840952706474e-33 -0 12\n-0.10000000000000001 0.97825645074362355 1e-07 2e+100 -3 V1.5"
+    assert rounded(text) == b"V1, (c) 7.9\n1 0 0 12\n-0.1 0.9782564507 1e-07 2e+100 -3 V1.5"
+    assert rounded(b"0.97825645074362344") == rounded(b"0.97825645074362355")
+    part = settled(rod(1 / 3, 2))
+    assert is_sound(part) and part.volume == pytest.approx(0.6981317008, abs=1e-9)

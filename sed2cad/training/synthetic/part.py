@@ -8,6 +8,7 @@ from build123d import Solid
 
 from sed2cad.training.synthetic import freeform, prismatic, sheet, turned
 from sed2cad.training.synthetic.dice import Dice
+from sed2cad.training.synthetic.settle import settled
 from sed2cad.training.synthetic.shapes import is_sound
 
 Maker = Callable[[Dice], Solid]
@@ -67,7 +68,7 @@ def try_part(seed: int, attempt: int) -> Solid:
     """The part of one sub-seed. Raises ValueError where it is not sound, or an error of the kernel."""
     dice = Dice(seed, attempt)
     maker = dice.pick([maker for maker, _ in MAKERS], [share for _, share in MAKERS])
-    part = maker(dice)
+    part = settled(maker(dice))
     if not is_sound(part):
         raise ValueError(f"{maker.__name__}: not a valid closed solid")
     if len(part.faces()) > MOST_FACES:
