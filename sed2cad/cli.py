@@ -220,6 +220,30 @@ def dataset_command(
         raise UsageError(f"{folder}: no .step, .stp or .brep file in it could be used; choose another folder")
 
 
+@app.command("synthetic")
+@reported
+def synthetic_command(
+    count: Annotated[int, typer.Argument(min=1, help="Parts to make.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the .brep files; those there are kept.")],
+    seed: Annotated[int, typer.Option(min=0, help="Number of the first part; a number is always the same part.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Make random mechanical parts, to train on."""
+    from sed2cad.training.synthetic import write_parts
+
+    def tell(done: int, total: int, name: str) -> None:
+        if not quiet and (done % 50 == 0 or done == total):
+            print(f"synthetic  {done} of {total}: {name}", file=sys.stderr, flush=True)
+
+    made = write_parts(out, count, seed, workers, tell)
+    for path, reason in made.failed.items() if verbose else ():
+        print(f"failed {path}: {reason}", file=sys.stderr)
+    if not quiet:
+        print(f"{out}: {len(made.parts)} parts, {len(made.failed)} failed")
+
+
 @app.command("train")
 @reported
 def train_command(

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,10 @@ import numpy as np
 
 from sed2cad.network.types import PATCH_TYPES
 from sed2cad.training.cad import label_part
+from sed2cad.training.child import Child
 from sed2cad.training.labelled_part import LabelledPart
 
 SUFFIXES = {".step", ".stp", ".brep"}
-START_LIMIT = 60.0
-"""Seconds that a child gets for its first part, imports included."""
-PART_LIMIT = 20.0
-"""Seconds per part: OCC hangs on a few."""
 
 REPORT = "report.json"
 
@@ -105,58 +101,16 @@ def load_part(path: Path) -> LabelledPart:
 
 def _run(jobs: Iterable[tuple[Path, Path]], tell: Callable[[Path, str], None]) -> None:
     """Label each part in a child that is replaced when it crashes or takes too long."""
-    child: _Child | None = None
+    child = Child(_pack)
     for path, out in jobs:
         if out.exists():
             tell(path, "")
             continue
-        child = child or _Child()
-        reason = child.label(path, out)
-        if not child.alive:
-            child = None
-        tell(path, reason)
-    if child:
-        child.close()
+        tell(path, child.run(path, out))
+    child.close()
 
 
-class _Child:
-    """A process that labels parts one after the other."""
-
-    def __init__(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.pipe, end = context.Pipe()
-        self.process = context.Process(target=_serve, args=(end,), daemon=True)
-        self.process.start()
-        end.close()
-        self.limit = START_LIMIT
-        self.alive = True
-
-    def label(self, path: Path, out: Path) -> str:
-        """Empty when the part was written, else the reason why not."""
-        try:
-            self.pipe.send((path, out))
-            if self.pipe.poll(self.limit):
-                self.limit = PART_LIMIT
-                return self.pipe.recv()
-            reason = f"took longer than {self.limit:.0f} s"
-        except (EOFError, OSError):
-            reason = "crashed"
-        self.close()
-        return reason
-
-    def close(self) -> None:
-        self.alive = False
-        self.process.kill()
-        self.process.join()
-
-
-def _serve(pipe: Connection) -> None:
-    while True:
-        path, out = pipe.recv()
-        try:
-            half = out.with_suffix(".part")
-            label_part(path).save(half)
-            half.rename(out)  # a killed child leaves no half-written part
-            pipe.send("")
-        except Exception as error:  # the parent reports it and goes on with the next part
-            pipe.send(str(error) or type(error).__name__)
+def _pack(path: Path, out: Path) -> None:
+    half = out.with_suffix(".part")
+    label_part(path).save(half)
+    half.rename(out)  # a killed child leaves no half-written part
