@@ -19,14 +19,17 @@ from sed2cad.network.predict import PointLabels
 from sed2cad.network.types import PATCH_TYPES
 from sed2cad.primitives.base import Patch
 from sed2cad.scan.scan import Array, Scan
-from sed2cad.segmentation.mean_shift import absorb_small, mean_shift, split_components
+from sed2cad.segmentation.linkage import average_linkage, pair_evidence
+from sed2cad.segmentation.mean_shift import absorb_small
 from sed2cad.segmentation.segment import EDGE, segment
 
 NETWORK, REFINED, GROWING = METHODS = ("network", "refined", "growing")
-"""Descriptors clustered; the pipeline's `segment` with the network; region growing on normals."""
+"""Its pairs linked; the pipeline's `segment` with the network; region growing on normals."""
 NEED_NETWORK = (NETWORK, REFINED)
 """These also tell types."""
 NEIGHBOURS = 10
+CRUMBS = 6
+"""The network alone proposes no patch of fewer points."""
 GROWING_ANGLE = 10.0
 """Degrees between the normals of neighbours up to which a region grows."""
 SHARP = 0.3
@@ -61,8 +64,8 @@ def run_method(method: str, scan: Scan, labels: PointLabels | None, edge_distanc
         patch = grow_regions(scan.points, scan.normals)
         type_, edge = None, None
     elif method == NETWORK:
-        patch = propose_patches(scan.points, labels, seed)
-        type_, edge = labels.types.argmax(axis=1), labels.edge > EDGE
+        patch = propose_patches(labels)[labels.nearest]
+        type_, edge = labels.types.argmax(axis=1)[labels.nearest], labels.edge[labels.nearest] > EDGE
     else:
         patch, type_ = labels_of(segment(scan, labels, seed), len(scan.points))
         edge = None
@@ -72,10 +75,10 @@ def run_method(method: str, scan: Scan, labels: PointLabels | None, edge_distanc
     return Labelling(patch, type_, edge, seconds)
 
 
-def propose_patches(points: Array, labels: PointLabels, seed: int = 0) -> NDArray[np.int64]:
-    """Patches (n,) from the descriptors alone: mean shift, connected, no crumbs."""
-    near = _neighbours(points)
-    return absorb_small(split_components(mean_shift(labels.descriptors, seed=seed), near), near)
+def propose_patches(labels: PointLabels) -> NDArray[np.int64]:
+    """Patches (m,) of the points that the network sees, from what it says alone: average linkage, no crumbs."""
+    linked = average_linkage(pair_evidence(labels), labels.neighbours)
+    return absorb_small(linked, labels.neighbours, CRUMBS)
 
 
 def grow_regions(points: Array, normals: Array, degrees: float = GROWING_ANGLE) -> NDArray[np.int64]:

@@ -22,13 +22,15 @@ NORMAL_WEIGHT = 0.03
 
 @dataclass(frozen=True)
 class PointLabels:
-    """What the network says about each of n points."""
+    """What the network says about the m points that it sees, of the n points of a scan."""
 
-    types: NDArray[np.float32]  # (n, 6) probabilities, in the order of PATCH_TYPES
-    edge: NDArray[np.float32]  # (n,) probability to lie near an edge
-    descriptors: NDArray[np.float32]  # (n, d), alike on one patch
-    neighbours: NDArray[np.int64]  # (n, 10) nearest other points (of those the network sees)
-    same: NDArray[np.float32]  # (n, 10) probability to lie on one patch with that neighbour; 0.5 without pair network
+    seen: NDArray[np.int64]  # (m,) which points of the scan, in ascending order
+    types: NDArray[np.float32]  # (m, 6) probabilities, in the order of PATCH_TYPES
+    edge: NDArray[np.float32]  # (m,) probability to lie near an edge
+    descriptors: NDArray[np.float32]  # (m, d), alike on one patch
+    neighbours: NDArray[np.int64]  # (m, 10) nearest others among the points seen
+    same: NDArray[np.float32]  # (m, 10) probability to lie on one patch with that neighbour; 0.5: no pair network
+    nearest: NDArray[np.int64]  # (n,) whose labels a point of the scan takes: a row of the arrays above
 
 
 def predict(points: NDArray, normals: NDArray, network: SedNet, seed: int = 0, device: str = "cpu") -> PointLabels:
@@ -37,35 +39,41 @@ def predict(points: NDArray, normals: NDArray, network: SedNet, seed: int = 0, d
     The network sees at most 10,000 of them in the frame it was trained in (box centred, longest side 1); the
     others take the labels of their nearest neighbour among those. The same seed gives the same labels.
     """
-    order = np.random.default_rng(seed).permutation(len(points))
-    points, normals = to_unit_frame(points)[order], np.asarray(normals, np.float32)[order]
-    graph = neighbour_graph(points)
-    seen = slice(MAX_POINTS)
-    batch = stack([Cloud(points[seen], normals[seen], graph[:, seen])]).to(device)
+    order = np.random.default_rng(seed).permutation(len(points))[:MAX_POINTS]
+    unit, normals = to_unit_frame(points), np.asarray(normals, np.float32)
+    cloud = Cloud(unit[order], normals[order], neighbour_graph(unit[order]))
     with torch.no_grad():
-        output = [part.cpu() for part in network.to(device).eval()(batch)]
-    keys = np.hstack([points, NORMAL_WEIGHT * normals])
-    nearest = cKDTree(keys[seen]).query(keys)[1]
-    near, same = _pairs(points, normals, graph, network.to("cpu"))
-    back = np.argsort(order)
-    probabilities = output[0].softmax(1).numpy()
-    types, edge, descriptors = (
+        output = [part.cpu() for part in network.to(device).eval()(stack([cloud]).to(device))]
+    rank = np.argsort(order)  # from the random order, which the graph needs, back to that of the scan
+    probabilities = output[0].softmax(1).numpy()[rank]
+    neighbours, same = _pairs(cloud, network.to("cpu"))
+    seen = order[rank]
+    return PointLabels(
+        seen,
         probabilities if network.shape.torus else from_paper(probabilities),
-        output[1].softmax(1)[:, 1].numpy(),
-        output[2].numpy(),
+        output[1].softmax(1)[:, 1].numpy()[rank],
+        output[2].numpy()[rank],
+        np.argsort(rank)[neighbours][rank],
+        same[rank],
+        _nearest(unit, normals, seen),
     )
-    row = nearest[back]
-    return PointLabels(types[row], edge[row], descriptors[row], order[near][back], same[back])
 
 
-def _pairs(points: NDArray, normals: NDArray, graph: NDArray, network: SedNet) -> tuple[NDArray, NDArray]:
-    """Nearest others of each point among those the network sees, and the probability to share a patch."""
-    near = graph[0].astype(np.int64)
-    near = np.vstack([near[:MAX_POINTS, 1 : PAIR_NEIGHBOURS + 1], near[MAX_POINTS:, :PAIR_NEIGHBOURS]])
+def _nearest(points: NDArray, normals: NDArray, seen: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Row (n,) of `seen` next to each point in (x, NORMAL_WEIGHT n)."""
+    if len(seen) == len(points):
+        return np.arange(len(points))
+    place = np.hstack([points, NORMAL_WEIGHT * normals])
+    return cKDTree(place[seen]).query(place, workers=-1)[1]
+
+
+def _pairs(cloud: Cloud, network: SedNet) -> tuple[NDArray[np.int64], NDArray]:
+    """Nearest others of each point of the cloud, and the probability to share a patch with them."""
+    near = cloud.neighbours[0, :, 1 : PAIR_NEIGHBOURS + 1].astype(np.int64)
     if network.affinity is None:
         return near, np.full(near.shape, 0.5, np.float32)
-    neighbours = torch.from_numpy(graph.astype(np.int64))
-    features = local_features(torch.from_numpy(points), torch.from_numpy(normals), neighbours)
+    graph = torch.from_numpy(cloud.neighbours.astype(np.int64))
+    features = local_features(torch.from_numpy(cloud.points), torch.from_numpy(cloud.normals), graph)
     return near, same_patch(network.affinity, features, torch.from_numpy(near)).numpy()
 
 

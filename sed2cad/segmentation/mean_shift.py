@@ -1,12 +1,10 @@
-"""Descriptors to patches: mean shift, then patches are connected and no crumbs are left."""
+"""Descriptors to clusters: mean shift; and clusters without crumbs."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 SAMPLE = 2_500
@@ -43,15 +41,6 @@ def mean_shift(
         modes = _distinct(modes[density[:, 0].argsort(descending=True)], 2 * bandwidth)
         nearest = ((modes * modes).sum(1) - 2 * every @ modes.T).argmin(1)
     return np.unique(nearest.numpy(), return_inverse=True)[1]
-
-
-def split_components(labels: NDArray, neighbours: NDArray) -> NDArray[np.int64]:
-    """Labels (n,) made connected: one label per connected piece of a patch on the neighbour graph (n, k)."""
-    n, k = neighbours.shape
-    i, j = np.repeat(np.arange(n), k), neighbours.ravel().astype(np.int64)
-    same = labels[i] == labels[j]
-    graph = coo_matrix((np.ones(same.sum(), bool), (i[same], j[same])), (n, n))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def absorb_small(

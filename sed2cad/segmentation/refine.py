@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sed2cad.segmentation.choose import Choice, choose
@@ -22,6 +23,9 @@ Labels = NDArray[np.int64]
 Key = tuple[int, int, int]
 
 FEWEST = 4  # points that make a patch
+GAP = 4.0  # mean distances along a strip: chance leaves a wider gap with probability exp(-4)
+STRIP = 0.6  # spacings: a patch with less than one point per so much of its length is a strip
+FARTHEST = 12.0  # spacings that a strip is followed across
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,10 @@ class Refiner:
 
     def run(self, proposals: list[Labels], rounds: int = 6) -> State:
         """Refine until nothing moves; every proposal (n,) contributes its clusters as candidates."""
-        state = self.start(proposals)
+        return self.improve(self.start(proposals), rounds)
+
+    def improve(self, state: State, rounds: int) -> State:
+        """Refine given patches."""
         for _ in range(rounds):
             before = state.labels
             state = self.relabel(state)
@@ -68,7 +75,7 @@ class Refiner:
         least = np.full(self.graph.size, self.tolerances.cap)
         primitives: list[Choice] = []
         for clusters in proposals:
-            for members in _groups(clusters):
+            for members in groups(clusters):
                 found = self._choose(members)
                 if found is None:
                     continue
@@ -108,7 +115,7 @@ class Refiner:
     def split(self, state: State) -> State:
         """Each connected piece of a patch becomes a patch of its own; crumbs lose their label."""
         i, j = self.graph.pairs.T
-        pieces = self.graph.components(state.labels[i] == state.labels[j])
+        pieces = self._bridged(state.labels, self.graph.components(state.labels[i] == state.labels[j]))
         size = np.bincount(pieces)
         keep = (size[pieces] >= FEWEST) & (state.labels >= 0)
         labels = np.unique(pieces[keep], return_inverse=True)[1]
@@ -117,9 +124,26 @@ class Refiner:
         out[keep] = labels
         return State(out, tuple(state.primitives[k] for k in first))
 
+    def _bridged(self, labels: Labels, pieces: Labels) -> Labels:
+        """Pieces (n,) of one patch joined where the gap between them is one that chance leaves in a narrow strip."""
+        pairs = []
+        for members in groups(labels):
+            own = pieces[members]
+            if (own == own[0]).all():
+                continue
+            of_piece = groups(np.unique(own, return_inverse=True)[1])
+            length = sum(extent(self.points[members[piece]]) for piece in of_piece)
+            reach = GAP * length / len(members)
+            pairs.append(members[cKDTree(self.points[members]).query_pairs(reach, output_type="ndarray")])
+        if not pairs:
+            return pieces
+        i, j = pieces[np.concatenate(pairs)].T
+        links = coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(pieces.max() + 1,) * 2)
+        return connected_components(links, directed=False)[1][pieces].astype(np.int64)
+
     def refit(self, state: State) -> State:
         """Every patch chooses its kind again and fits it."""
-        fitted = [self._choose(m) or p for m, p in zip(_groups(state.labels), state.primitives)]
+        fitted = [self._choose(m) or p for m, p in zip(groups(state.labels), state.primitives)]
         return replace(state, primitives=tuple(fitted))
 
     def propose_unexplained(self, state: State) -> State:
@@ -185,7 +209,7 @@ class Refiner:
                 continue
             apart = self._data_cost(primitives[a], of_a).sum() + self._data_cost(primitives[b], of_b).sum()
             together = self._data_cost(joint, np.r_[of_a, of_b]).sum()
-            if together > apart + self.tolerances.primitive:
+            if together > apart + min(self.tolerances.primitive, float(min(len(of_a), len(of_b)))):
                 self.apart.add(pair)
             else:
                 labels[labels == b] = a
@@ -212,7 +236,7 @@ class Refiner:
         """Data cost (n, k). Freeform patches, slow to measure and meaningless far away, only around their points."""
         cost = np.full((self.graph.size, len(state.primitives)), self.tolerances.cap)
         everyone = np.arange(self.graph.size)
-        for column, (choice, members) in enumerate(zip(state.primitives, _groups(state.labels))):
+        for column, (choice, members) in enumerate(zip(state.primitives, groups(state.labels))):
             near = everyone if choice.primitive.freedom else self._around(members)
             cost[near, column] = self._data_cost(choice, near)
         return cost
@@ -223,9 +247,23 @@ class Refiner:
         low, high = self.points[members].min(axis=0) - margin, self.points[members].max(axis=0) + margin
         return np.flatnonzero(((self.points > low) & (self.points < high)).all(axis=1))
 
+    def _strip_pairs(self, labels: Labels) -> NDArray[np.int64]:
+        """Pairs (m, 2) of points of narrow strips, as near as chance may leave two points of one strip."""
+        each = np.full(len(labels), 0.0)  # length per point of its patch
+        for members in groups(labels):
+            each[members] = extent(self.points[members]) / len(members)
+        strips = np.flatnonzero(each > STRIP * self.graph.spacing)
+        if len(strips) < 2:
+            return np.empty((0, 2), np.int64)
+        reach = FARTHEST * self.graph.spacing
+        pairs = strips[cKDTree(self.points[strips]).query_pairs(reach, output_type="ndarray")]
+        i, j = pairs.T
+        apart = np.linalg.norm(self.points[i] - self.points[j], axis=1)
+        return pairs[apart < GAP * np.maximum(each[i], each[j])]
+
     def _near_pairs(self, state: State) -> list[tuple[int, int]]:
         """Pairs of patches that come near each other without a crease between, most common first."""
-        i, j = self.near.T
+        i, j = np.vstack([self.near, self._strip_pairs(state.labels)]).T
         a, b = state.labels[i], state.labels[j]
         across = (a != b) & (a >= 0) & (b >= 0)
         base = len(state.primitives)
@@ -245,7 +283,12 @@ class Refiner:
         return State(out, tuple(state.primitives[k] for k in used))
 
 
-def _groups(labels: Labels) -> list[NDArray[np.int64]]:
+def extent(points: Array) -> float:
+    """Diagonal of the box of points (n, 3)."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def groups(labels: Labels) -> list[NDArray[np.int64]]:
     """Members of each label from 0 up, in order; labels below 0 are left out."""
     order = np.argsort(labels, kind="stable")
     order = order[labels[order] >= 0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -12,38 +14,75 @@ from sed2cad.primitives.base import Patch
 from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances
 from sed2cad.segmentation.graph import Graph, neighbour_graph
+from sed2cad.segmentation.linkage import average_linkage, pair_evidence
 from sed2cad.segmentation.mean_shift import mean_shift
-from sed2cad.segmentation.refine import FEWEST, Refiner
+from sed2cad.segmentation.refine import FEWEST, Refiner, State
+from sed2cad.segmentation.settle import settle
 
+Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-MOST_POINTS = 12_000  # the refinement sees so many; the others follow their neighbours
+COARSE = 10_000  # points that the first refinement sees: those that the network sees
+FINE = 100_000  # points that the second one sees; of a scan with more, the others follow their neighbours
+FINE_ROUNDS = 2
 FLOOR = 3e-4  # unit frame: facets and rounding leave deviations of this size on a clean scan
 EDGE = 0.75  # probability from which a point counts as an edge point
 
 
+@dataclass(frozen=True)
+class Level:
+    """Some points of a scan, m of n, and their neighbours."""
+
+    rows: NDArray[np.int64]  # (m,) ascending
+    points: Array  # (m, 3)
+    normals: Array  # (m, 3)
+    graph: Graph
+
+    @classmethod
+    def of(cls, scan: Scan, rows: NDArray[np.int64], tolerances: Tolerances) -> Level:
+        """The given points of a scan."""
+        points, normals = scan.points[rows], scan.normals[rows]
+        spacing = scan.spacing * np.sqrt(len(scan.points) / len(rows))
+        return cls(rows, points, normals, neighbour_graph(points, normals, spacing, tolerances.distance))
+
+
 def segment(scan: Scan, labels: PointLabels | None, seed: int = 0) -> list[Patch]:
-    """Patches of the scan: the network's clusters and smooth pieces, refined by the primitives they lead to."""
-    seen = np.random.default_rng(seed).permutation(len(scan.points))[:MOST_POINTS]
-    points, normals = scan.points[seen], scan.normals[seen]
-    spacing = scan.spacing * np.sqrt(len(scan.points) / len(seen))
+    """Patches of the scan: what the network and smooth pieces propose, refined by the primitives they lead to.
+
+    First on the points that the network sees, then, where there are more, on all of them: the small faces that were
+    a handful of points are found there.
+    """
     tolerances = Tolerances(distance=max(FLOOR, scan.noise))
-    graph = neighbour_graph(points, normals, spacing, tolerances.distance)
-    proposals = [smooth_pieces(graph, weight) for weight in (0.85, 0.5)]
-    if labels is not None:
-        clusters = mean_shift(labels.descriptors[seen], seed=seed)
-        i, j = graph.pairs.T
-        proposals.append(_large(graph.components(clusters[i] == clusters[j])))
-    freeform = labels.types[seen, BSPLINE].astype(float) if labels is not None else None
-    state = Refiner(points, normals, graph, tolerances, freeform).run(proposals)
-    everyone = _spread(scan, seen, state.labels, spacing)
-    edge = labels.edge > EDGE if labels is not None else np.zeros(len(scan.points), bool)
+    level = Level.of(scan, labels.seen if labels is not None else _some(scan, COARSE, seed), tolerances)
+    freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else np.zeros(len(level.rows))
+    refiner = Refiner(level.points, level.normals, level.graph, tolerances, freeform)
+    state = refiner.run(_proposals(level.graph, labels, seed))
+    if len(scan.points) > len(level.rows):
+        fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
+        start = spread(level, state.labels, fine.points, fine.normals)
+        likely = freeform[spread(level, np.arange(len(level.rows)), fine.points, fine.normals)]
+        refiner = Refiner(fine.points, fine.normals, fine.graph, tolerances, likely)
+        state, level = refiner.improve(State(start, state.primitives), FINE_ROUNDS), fine
+    kinds = settle(level.points, level.normals, level.graph, state, scan.noise)
+    everyone = spread(level, state.labels, scan.points, scan.normals)
+    edge = labels.edge[labels.nearest] > EDGE if labels is not None else np.zeros(len(scan.points), bool)
     interior = _inside(scan, everyone) & ~edge
     return [
-        Patch(members, choice.primitive.kind, interior[members])
-        for k, choice in enumerate(state.primitives)
+        Patch(members, kind, interior[members])
+        for k, kind in enumerate(kinds)
         if len(members := np.flatnonzero(everyone == k)) >= FEWEST
     ]
+
+
+def _proposals(graph: Graph, labels: PointLabels | None, seed: int) -> list[Labels]:
+    """Smooth pieces of two sizes, the modes of the descriptors, and what the pairs of neighbours link."""
+    proposals = [smooth_pieces(graph, weight) for weight in (0.85, 0.5)]
+    i, j = graph.pairs.T
+    if labels is not None:
+        linked = average_linkage(pair_evidence(labels), labels.neighbours)
+        for clusters in (mean_shift(labels.descriptors, seed=seed), linked):
+            proposals.append(_large(graph.components(clusters[i] == clusters[j])))
+    return proposals
 
 
 def smooth_pieces(graph: Graph, weight: float) -> Labels:
@@ -51,21 +90,25 @@ def smooth_pieces(graph: Graph, weight: float) -> Labels:
     return _large(graph.components(graph.weights > weight))
 
 
+def spread(level: Level, labels: Labels, points: Array, normals: Array) -> Labels:
+    """Labels (n,) for points (n, 3): of the level's nearest one, on their side of a wall."""
+    if len(level.points) == len(points):
+        return labels
+    turn = 2 * level.graph.spacing
+    tree = cKDTree(np.hstack([level.points, turn * level.normals]))
+    return np.asarray(labels[tree.query(np.hstack([points, turn * normals]), workers=-1)[1]])
+
+
+def _some(scan: Scan, most: int, seed: int) -> NDArray[np.int64]:
+    """At most so many of the points, ascending, the same for the same seed."""
+    return np.sort(np.random.default_rng(seed).permutation(len(scan.points))[:most])
+
+
 def _large(labels: Labels) -> Labels:
     return np.where(np.bincount(labels)[labels] >= FEWEST, labels, UNEXPLAINED)
 
 
-def _spread(scan: Scan, seen: NDArray[np.int64], labels: Labels, spacing: float) -> Labels:
-    """Labels of all points: those that were not seen follow the nearest one that was, on their side of a wall."""
-    if len(seen) == len(scan.points):
-        out = np.empty(len(seen), np.int64)
-        out[seen] = labels
-        return out
-    place = np.hstack([scan.points, 2 * spacing * scan.normals])
-    return labels[cKDTree(place[seen]).query(place)[1]]
-
-
 def _inside(scan: Scan, labels: Labels, k: int = 6) -> NDArray[np.bool_]:
     """Points whose nearest neighbours all lie on the same patch."""
-    near = cKDTree(scan.points).query(scan.points, k=k)[1]
+    near = cKDTree(scan.points).query(scan.points, k=k, workers=-1)[1]
     return np.asarray((labels[near] == labels[:, None]).all(axis=1))

@@ -28,21 +28,26 @@ def box(n, seed=0):
 def test_shapes_for_any_number_of_points(network, n):
     points, normals = box(n)
     labels = predict(points, normals, network)
-    assert labels.types.shape == (n, 6)
-    assert labels.edge.shape == (n,)
-    assert labels.descriptors.shape == (n, 128)
-    assert labels.neighbours.shape == labels.same.shape == (n, 10)
+    m = min(n, 10_000)
+    assert labels.seen.shape == (m,) and (np.diff(labels.seen) > 0).all()
+    assert labels.nearest.shape == (n,)
+    np.testing.assert_array_equal(labels.nearest[labels.seen], np.arange(m))
+    assert labels.types.shape == (m, 6)
+    assert labels.edge.shape == (m,)
+    assert labels.descriptors.shape == (m, 128)
+    assert labels.neighbours.shape == labels.same.shape == (m, 10)
     np.testing.assert_allclose(labels.types.sum(1), 1, rtol=1e-5)
     assert all(
         np.isfinite(part).all() for part in (labels.types, labels.edge, labels.descriptors, labels.same)
     )
-    assert (labels.neighbours != np.arange(n)[:, None]).all()
+    assert (labels.neighbours != np.arange(m)[:, None]).all()
 
 
 def test_neighbours_are_near(network):
     points, normals = box(10_500)
     labels = predict(points, normals, network)
-    gap = np.linalg.norm(points[labels.neighbours] - points[:, None], axis=2)
+    seen = points[labels.seen]
+    gap = np.linalg.norm(seen[labels.neighbours] - seen[:, None], axis=2)
     assert gap.max() < 6
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from sed2cad.segmentation.mean_shift import absorb_small, mean_shift, split_components
+from sed2cad.segmentation.mean_shift import absorb_small, mean_shift
 
 
 def clusters(count, each=200, spread=0.1, seed=0):
@@ -36,12 +36,6 @@ def test_same_seed_same_labels():
 
 def line(x):
     return cKDTree(np.c_[x]).query(np.c_[x], k=3)[1][:, 1:]
-
-
-def test_split_makes_patches_connected():
-    x = np.r_[np.arange(10.0), 100 + np.arange(10.0)]
-    labels = split_components(np.zeros(20, int), line(x))
-    assert same_partition(labels, np.repeat([0, 1], 10))
 
 
 def test_absorb_gives_crumbs_to_their_neighbours():
