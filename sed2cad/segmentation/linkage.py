@@ -50,8 +50,8 @@ def average_linkage(evidence: NDArray[np.float64], neighbours: NDArray[np.int64]
 def _merge(count: int, a: list[int], b: list[int], total: list[float], number: list[int]) -> NDArray[np.int64]:
     """Join clusters 0..count-1, best mean first; the cluster (count,) that each has become a part of."""
     around: list[dict[int, Evidence]] = [{} for _ in range(count)]
-    for x, y, *between in zip(a, b, total, number):
-        around[x][y] = around[y][x] = (between[0], between[1])
+    for x, y, t, m in zip(a, b, total, number):
+        around[x][y] = around[y][x] = (t, m)
     heap = [(-t / m, x, y) for x, y, t, m in zip(a, b, total, number) if t > 0]
     heapq.heapify(heap)
     owner = np.arange(count)
