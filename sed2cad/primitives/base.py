@@ -35,6 +35,10 @@ class Primitive(ABC):
     def normal(self, points: Array) -> Array:
         """Gradient of the distance at points (n, 3): unit vectors (n, 3)."""
 
+    def distance_and_normal(self, points: Array) -> tuple[Array, Array]:
+        """Both at once, for primitives that find one on the way to the other."""
+        return self.distance(points), self.normal(points)
+
     def project(self, points: Array) -> Array:
         """Foot points (n, 3) on the surface."""
         return points - self.distance(points)[:, None] * self.normal(points)

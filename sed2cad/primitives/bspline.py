@@ -106,6 +106,10 @@ class BSplineSurface(Primitive):
     def normal(self, points: Array) -> Array:
         return self._gap(points)[1]
 
+    def distance_and_normal(self, points: Array) -> tuple[Array, Array]:
+        _, normals, distance = self._gap(points)
+        return distance, normals
+
     def project(self, points: Array) -> Array:
         return self._gap(points)[0]
 

@@ -20,7 +20,7 @@ def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array
     """About `count` points and their unit normals, both (n, 3), spread by area.
 
     Parts between sharp edges get at least a dozen points each. Normals are interpolated between those of the
-    corners, so that a tessellated cylinder has round ones.
+    corners, so that a tessellated cylinder has round ones; the points lie on the round surface, too.
     """
     rng = np.random.default_rng(seed)
     parts, part = smooth_parts(mesh, SMOOTH)
@@ -33,9 +33,21 @@ def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array
     weight = rng.random((len(face), 2))
     weight = np.where((weight.sum(axis=1) > 1)[:, None], 1 - weight, weight)
     weight = np.column_stack([1 - weight.sum(axis=1), weight])
-    points = np.einsum("nk,nki->ni", weight, mesh.vertices[mesh.faces[face]])
-    normals = np.einsum("nk,nki->ni", weight, _corner_normals(mesh, part)[face])
+    corners, corner_normals = mesh.vertices[mesh.faces[face]], _corner_normals(mesh, part)[face]
+    points = bulged(corners, corner_normals, weight)
+    normals = np.einsum("nk,nki->ni", weight, corner_normals)
     return points, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+
+def bulged(corners: Array, normals: Array, weight: Array) -> Array:
+    """Points (n, 3) at barycentric coordinates (n, 3) of the curved triangles over corners (n, 3, 3) with normals.
+
+    Phong tessellation (Boubekeur and Alexa 2008): half-way to the mean of the projections onto the corners' tangent
+    planes. On a circle that is exact to second order: what a tessellation cuts off is put back.
+    """
+    flat = np.einsum("nk,nki->ni", weight, corners)
+    height = np.einsum("nki,nki->nk", corners - flat[:, None], normals)
+    return np.asarray(flat + 0.5 * np.einsum("nk,nk,nki->ni", weight, height, normals))
 
 
 def _corner_normals(mesh: Mesh, part: NDArray) -> Array:

@@ -34,8 +34,9 @@ class Tolerances:
 
 def data_cost(primitive: Primitive, sign: int, points: Array, normals: Array, tolerances: Tolerances) -> Array:
     """D (n,) of each point under one primitive."""
-    distance = primitive.distance(points) / tolerances.distance
-    cosine = sign * np.einsum("ij,ij->i", primitive.normal(points), normals)
+    distance, there = primitive.distance_and_normal(points)
+    distance = distance / tolerances.distance
+    cosine = sign * np.einsum("ij,ij->i", there, normals)
     turn = 2 * (1 - cosine) / tolerances.angle**2  # angle^2 where it is small
     return np.minimum(0.5 * (distance**2 + turn), tolerances.cap)
 

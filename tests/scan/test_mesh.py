@@ -95,6 +95,16 @@ def test_round_normals_on_a_tessellated_cylinder() -> None:
     assert np.all(np.abs(normals[~side, 2]) == pytest.approx(1))
 
 
+@pytest.mark.parametrize("n", [24, 48])
+def test_points_of_a_tessellated_cylinder_lie_on_the_round_one(n: int) -> None:
+    """What the chords cut off is put back to second order: the rest falls with the fourth power of the angle."""
+    points, normals = sample_mesh(tube(n), 0, 4000)
+    side = np.abs(normals[:, 2]) < 0.5
+    off = np.abs(np.linalg.norm(points[side, :2], axis=1) - 1).max()
+    half = np.pi / n
+    assert off < 0.5 * half**4 < 0.02 * (1 - np.cos(half))
+
+
 def test_small_faces_get_points() -> None:
     small = replace(scaled(CUBE, 0.02), vertices=0.02 * CUBE.vertices + [3, 0, 0])
     points, _ = sample_mesh(together(CUBE, small), 0)
