@@ -21,8 +21,10 @@ from sed2cad.scan.scan import Array, Frame, Mesh, Scan
 
 EVIDENCE = 0.3
 """Share of strong votes from which on they may contradict the normals that came with the scan."""
-WRONG = 0.2
-"""Share of the strong votes against given normals up to which these are believed."""
+DIVIDED = 0.1
+"""Votes for and against given normals that are so near to half each do not tell which way all of them point."""
+RANDOM = 0.1
+"""Share of opposed neighbours from which on given normals do not agree among themselves."""
 
 
 def prepare(raw: RawScan, seed: int) -> Scan:
@@ -77,18 +79,30 @@ def _estimated(points: Array, sixth: Array) -> Array:
 
 
 def _outward(points: Array, normals: Array, sixth: Array, whole: bool = False) -> Array:
-    """The given unit normals (n, 3), turned where they point inwards: all, or each (unless `whole`)."""
+    """The given unit normals (n, 3), all turned round where most of them point inwards.
+
+    Each for itself only (unless `whole`) where they do not agree among themselves, or where the votes of the outside
+    are divided: in hollow parts every third vote may be wrong, and normals that agree are worth more.
+    """
     votes = outward_votes(points, normals, sixth)
     strong = np.abs(votes) > STRONG
     if strong.mean() < EVIDENCE:
         return normals
     against = float((votes[strong] < 0).mean())
-    if against < WRONG or (whole and against < 0.5):
-        return normals
-    if against > 1 - WRONG or whole:
-        return -normals
+    if whole or (abs(against - 0.5) > DIVIDED and _disagreement(points, normals) < RANDOM):
+        return -normals if against > 0.5 else normals
     _, near = search_tree(points).query(points, min(REACH, len(points)))
     return normals * outward_signs(Tangents(normals, points, near), votes)[:, None]
+
+
+def _disagreement(points: Array, normals: Array) -> float:
+    """Share of opposed ones among the near neighbours that lie beside each other, not across a wall."""
+    index = nearest(points, COUNT)[1]
+    way = points[index] - points[:, None]
+    cosine = np.einsum("nki,ni->nk", normals[index], normals)
+    off = np.abs(np.einsum("nki,ni->nk", way, normals))
+    beside = (off < 0.25 * np.linalg.norm(way, axis=2)) & (np.abs(cosine) > 0.8)
+    return float((cosine[beside] < 0).mean()) if beside.any() else 0.0
 
 
 def _usable(normals: Array) -> NDArray[np.bool_]:

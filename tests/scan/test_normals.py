@@ -61,6 +61,15 @@ def test_given_normals_are_turned_as_a_whole(turn: int) -> None:
     assert wrong == 0 and angle < 1e-3
 
 
+def test_normals_that_agree_are_kept_in_a_cup() -> None:
+    """Of the inside of a cup the outside sees little, and votes wrongly on a third of all points."""
+    outer, out = box_points(1200, (40, 40, 40))
+    inner, into = box_points(1200, (36, 36, 36), seed=1)
+    wall, lining = outer[:, 2] < 20 - 1e-6, inner[:, 2] < 18 - 1e-6
+    points, normals = np.vstack([outer[wall], inner[lining]]), np.vstack([out[wall], -into[lining]])
+    assert errors(prepare(RawScan(points, normals), 0), points, normals)[1] == 0
+
+
 def test_given_normals_of_random_sign_are_turned_one_by_one() -> None:
     points, normals = shaft_points(3000)
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (3000, 1))
