@@ -283,7 +283,7 @@ def train_command(
         print(f"{best}: best weights")
 
 
-for command in (commands.segmentation, commands.ablation):
+for command in (commands.segmentation, commands.ablation, commands.fitting):
     evaluate.command(command.__name__)(reported(command))
 
 

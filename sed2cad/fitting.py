@@ -18,10 +18,18 @@ from sed2cad.primitives.starts import starts, weighted_plane
 from sed2cad.scan.scan import Scan
 
 _TRIAL_POINTS = 200  # to compare first guesses
-_TRIALS = 3  # starts that are worth a few steps
+_TRIALS = 6  # guesses that are worth a few steps
+_TRIAL_STEPS = 6  # that tell which of them lead somewhere
 _START_POINTS = 1000  # to make them and to refine the best
+_FINALISTS = 3  # that are refined until they rest
+_STEPS = 40  # more than enough to rest; along the valley of a short arc a handful is not
+_ROUNDS = 2  # of new guesses without the points that fit worst
+_MAJORITY = 0.6  # of the points: those that belong
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
 _OUTLIER = 12.0  # chi^2 of a point that belongs elsewhere
+_MEDIAN_CHI2 = 1.386  # of two degrees of freedom: squared angles of normals with a deviation of 1
+_FARTHEST = 3.5  # deviations of a normal that belongs
+_ENOUGH = 3  # points for each parameter, at least, when some are dropped
 _NORMAL_NOISE = 0.05  # radians; normals are not better than that
 _INDEPENDENT = 50  # points of a patch that err independently, as far as parameters are concerned
 _FINEST = 3e-5  # unit frame: what a tessellation or rounding leaves; no evidence is sharper than this
@@ -56,28 +64,21 @@ def fit(kind: str, points: Array, normals: Array, noise: float) -> tuple[Primiti
     """
     if len(points) < 3 or (kind == "bspline" and len(points) < 6):
         return None
-    primitive: Primitive | None
     if kind == "bspline":
-        primitive = fit_bspline(*_thinned(points, normals, _MOST_SPLINE_POINTS), noise)
-    elif kind == "plane":
-        primitive = _robust_plane(points, normals, noise)
-    else:
-        primitive = _robust(kind, points, normals, noise)
-    return None if primitive is None else _measured(primitive, points, noise)
-
-
-def quick_fit(kind: str, points: Array, normals: Array) -> Primitive | None:
-    """The best algebraic start and a few plain Gauss-Newton steps; for proposals by the thousand."""
-    if kind == "bspline":
-        return fit_bspline(points, normals)
-    points, normals = _thinned(points, normals, _TRIAL_POINTS)
-    if len(points) < 3:
+        surface = fit_bspline(*_thinned(points, normals, _MOST_SPLINE_POINTS), noise)
+        return None if surface is None else _measured(surface, points, points, noise)
+    primitive = _robust_plane(points, normals, noise) if kind == "plane" else _robust(kind, points, normals, noise)
+    if primitive is None:
         return None
-    guesses = starts(kind, points, normals)
-    if not guesses or kind == "plane":
-        return guesses[0] if guesses else None
-    best = int(np.argmin(_misfits(guesses, points, normals, 0.0)))
-    return refine(guesses[best], points, noise=0.0, steps=4, robust=False)
+    agreeing = _agreeing(primitive, points, normals)
+    if agreeing.all() or agreeing.sum() < _ENOUGH * primitive.freedom:
+        return _measured(primitive, points, points, noise)
+    kept = points[agreeing]
+    if kind == "plane":
+        primitive = _robust_plane(kept, normals[agreeing], noise)
+    else:
+        primitive = refine(primitive, kept, noise, _STEPS)
+    return _measured(primitive, points, kept, noise)
 
 
 def select(
@@ -108,13 +109,13 @@ def select(
     best = int(np.argmin(costs))
     chosen = found[best].primitive
     final = fit(chosen.kind, points, normals, noise) if len(points) > len(few[0]) else None
-    primitive, rms, covariance = final or _measured(chosen, points, noise)
+    primitive, rms, covariance = final or _measured(chosen, points, points, noise)
     return FittedPrimitive(primitive, rms, covariance, float(costs[best]))
 
 
-def _measured(primitive: Primitive, points: Array, noise: float) -> tuple[Primitive, float, Array]:
-    """The primitive with its rms and covariance."""
-    covariance = uncertainty(primitive, points, noise).covariance
+def _measured(primitive: Primitive, points: Array, used: Array, noise: float) -> tuple[Primitive, float, Array]:
+    """The primitive with its rms over the points (n, 3) and its covariance from the used ones (m, 3)."""
+    covariance = uncertainty(primitive, used, noise).covariance
     return primitive, root_mean_square(primitive.distance(points)), covariance
 
 
@@ -130,11 +131,7 @@ def used_points(patch: Patch) -> NDArray[np.int64]:
     """Indices of the points that a fit of this patch looks at: the interior, where there is enough of it."""
     kind = patch.kind if patch.kind in KINDS else "bspline"
     enough = max(12, 3 * primitive_class(kind).freedom)
-    return (
-        patch.indices[patch.interior]
-        if kind != "bspline" and patch.interior.sum() >= enough
-        else patch.indices
-    )
+    return patch.indices[patch.interior] if kind != "bspline" and patch.interior.sum() >= enough else patch.indices
 
 
 def _fit_patch(scan: Scan, patch: Patch) -> FittedPatch:
@@ -155,23 +152,65 @@ def _any_plane(points: Array, normals: Array) -> tuple[Primitive, float, Array]:
 
 
 def _robust(kind: str, points: Array, normals: Array, noise: float) -> Primitive | None:
-    """The best of several starts after a few steps, refined until it rests."""
-    some, their_normals = _thinned(points, normals, _START_POINTS)
-    few = _thinned(points, normals, _TRIAL_POINTS)
-    guesses = starts(kind, some, their_normals)
-    if not guesses:
-        return None
-    order = np.argsort(_misfits(guesses, *few, noise), kind="stable")[:_TRIALS]
-    trials = [refine(guesses[k], few[0], noise, steps=4) for k in order]
-    best = trials[int(np.argmin(_misfits(trials, *few, noise)))]
-    best = refine(best, some, noise, steps=20)
-    return refine(best, points, noise, steps=4) if len(points) > len(some) else best
+    """The best of several starts, refined until it rests, on all points in the end.
+
+    Least squares starts suffer from outliers, so there are new ones from the points that fit best so far (the
+    concentration of Rousseeuw and Van Driessen 1999, Computing LTS Regression).
+    """
+    some, few = _thinned(points, normals, _START_POINTS), _thinned(points, normals, _TRIAL_POINTS)
+    trials = _tried(starts(kind, *some), *few, noise)
+    for _ in range(_ROUNDS):
+        if not trials:
+            return None
+        best = trials[0]
+        if _explains(best, few[0], noise):
+            break
+        trials = _ranked(trials + _tried(starts(kind, *_majority(best, *some)), *few, noise), *few, noise)
+        if trials[0] is best:
+            break
+    finalists = [refine(trial, few[0], noise, _STEPS) for trial in trials[:_FINALISTS]]
+    best = refine(_ranked(finalists, *some, noise)[0], some[0], noise, _STEPS)
+    return refine(best, points, noise, _STEPS) if len(points) > len(some[0]) else best
+
+
+def _tried(guesses: Sequence[Primitive], points: Array, normals: Array, noise: float) -> list[Primitive]:
+    """A few steps from each of the better guesses; the best first."""
+    likely = _ranked(guesses, points, normals, noise)[:_TRIALS]
+    return _ranked([refine(guess, points, noise, _TRIAL_STEPS) for guess in likely], points, normals, noise)
+
+
+def _ranked(primitives: Sequence[Primitive], points: Array, normals: Array, noise: float) -> list[Primitive]:
+    """The best first."""
+    if not primitives:
+        return []
+    return [primitives[k] for k in np.argsort(_misfits(primitives, points, normals, noise), kind="stable")]
+
+
+def _majority(primitive: Primitive, points: Array, normals: Array) -> tuple[Array, Array]:
+    """The points whose distances and normals fit best, and their normals."""
+    square, angle = primitive.distance(points) ** 2, _angles(primitive, points, normals)
+    misfit = square / max(median_size(square), 1e-18) + angle / max(median_size(angle), _NORMAL_NOISE**2)
+    kept = np.sort(np.argsort(misfit, kind="stable")[: int(np.ceil(_MAJORITY * len(points)))])
+    return points[kept], normals[kept]
+
+
+def _angles(primitive: Primitive, points: Array, normals: Array) -> Array:
+    """Squared angles (n,) between the primitive's normals and those of the points, whichever side they are on."""
+    cosine = np.einsum("ij,ij->i", primitive.normal(points), normals)
+    return np.asarray(2 - 2 * cosine * (-1.0 if cosine.sum() < 0 else 1.0))
+
+
+def _agreeing(primitive: Primitive, points: Array, normals: Array) -> NDArray[np.bool_]:
+    """The points (n,) whose normals agree with the primitive's, by the spread of those that do."""
+    angle = _angles(primitive, points, normals)
+    spread = max(median_size(angle) / _MEDIAN_CHI2, _NORMAL_NOISE**2)
+    return np.asarray(angle <= _FARTHEST**2 * spread)
 
 
 def _robust_plane(points: Array, normals: Array, noise: float) -> Plane:
     """Reweighted until the outliers are out; keeps the help of the normals in narrow strips."""
     plane = weighted_plane(points, normals, np.ones(len(points)))
-    for _ in range(4):
+    for _ in range(6):
         weights = tukey_weights(plane.distance(points), noise, plane.freedom)
         plane = weighted_plane(points, normals, weights)
     return plane
@@ -203,6 +242,8 @@ def _analytic_fits(points: Array, normals: Array, noise: float, kinds: Sequence[
 
 def _explains(primitive: Primitive, points: Array, sigma: float) -> bool:
     """Whether the distances are about what the noise gives, some outliers aside."""
+    if sigma == 0:
+        return False
     return float(np.minimum((primitive.distance(points) / sigma) ** 2, _OUTLIER).mean()) < 2
 
 

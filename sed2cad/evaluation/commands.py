@@ -84,6 +84,33 @@ def ablation(
         write_text(json, ablation_json(settings, runs))
 
 
+def fitting(
+    seeds: Annotated[int, typer.Option(min=1, help="Of each cell; a fifth of it for kinds and B-splines.")] = 50,
+    workers: Annotated[int, typer.Option(min=1, help="Processes, of one thread each.")] = 2,
+    json: Json = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Fit surfaces that are known: errors over the Cramer-Rao bound, kinds, B-splines, seconds.
+
+    Noise 0.02, 0.1, 0.5 % of the size; 100, 500, 5,000 points; 360 to 45 degrees; 0, 10, 20 % outliers: all of them.
+    Kinds are chosen without outliers; B-splines are whole, with 0 and 20 %.
+    """
+    require_place(json)
+    from sed2cad.evaluation.fitting import FittingSettings, evaluate_fitting
+    from sed2cad.evaluation.fitting_tables import fitting_json, fitting_text
+    from sed2cad.files import write_text
+
+    def tell(done: int, total: int, seconds: float) -> None:
+        if not quiet and (done % 20 == 0 or done == total):
+            print(f"fitting  {done} of {total} cells  {seconds:.0f} s", file=sys.stderr, flush=True)
+
+    result = evaluate_fitting(FittingSettings(seeds, workers), progress=tell)
+    print(fitting_text(result))
+    if json:
+        write_text(json, fitting_json(result))
+
+
 def require_place(path: Path | None) -> None:
     """UsageError before the work when the file could not be written after it."""
     if path is not None and path.is_dir():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -43,7 +44,7 @@ def segmentation_json(result: SegmentationResult) -> str:
 
 
 def to_json(content: Any) -> str:
-    """JSON with paths as text, 6 digits after the point, and null for NaN."""
+    """JSON with paths as text, 6 digits after the point, and null for what is not finite."""
     return json.dumps(_plain(content), indent=1, allow_nan=False) + "\n"
 
 
@@ -93,7 +94,7 @@ def _plain(value: Any) -> Any:
         case list() | tuple():
             return [_plain(item) for item in value]
         case float():
-            return round(value, 6) if value == value else None
+            return round(value, 6) if math.isfinite(value) else None
         case Path():
             return str(value)
     return value

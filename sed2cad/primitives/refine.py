@@ -70,9 +70,20 @@ def _linearised(primitive: Primitive, points: Array, noise: float, robust: bool)
 
 def tukey_weights(residual: Array, noise: float, freedom: int) -> Array:
     """Biweights (n,) of residuals (n,), in units of the noise or of their own median where that is larger."""
+    return np.asarray((1 - _squares(residual, noise, freedom)) ** 2)
+
+
+def tukey_weights_and_slopes(residual: Array, noise: float, freedom: int) -> tuple[Array, Array]:
+    """Biweights w (n,) of residuals r (n,), and the derivatives (n,) of w r by r."""
+    square = _squares(residual, noise, freedom)
+    return (1 - square) ** 2, (1 - square) * (1 - 5 * square)
+
+
+def _squares(residual: Array, noise: float, freedom: int) -> Array:
+    """Squares (n,) of the residuals in units of the distance at which the weight ends, at most 1."""
     spare = max(len(residual) - freedom, 1) / len(residual)  # few points hug the surface: widen the scale
     scale = max(noise, 1.4826 * median_size(residual) / np.sqrt(spare), _LEAST_SCALE)
-    return np.asarray((1 - np.minimum((residual / (_TUKEY * scale)) ** 2, 1)) ** 2)
+    return np.asarray(np.minimum((residual / (_TUKEY * scale)) ** 2, 1))
 
 
 def median_size(residual: Array) -> float:
@@ -100,17 +111,25 @@ class Uncertainty:
 
 
 def uncertainty(primitive: Primitive, points: Array, noise: float) -> Uncertainty:
-    """sigma^2 (J^T W J)^-1 of the weighted residuals; huge along what the points leave open."""
-    residual = primitive.distance(points)
-    weights = tukey_weights(residual, noise, primitive.freedom)
-    jacobian = primitive.jacobian(points)
-    spare = max(float(weights.sum()) - primitive.freedom, 1.0)
-    variance = max(float(weights @ residual**2) / spare, _LEAST_SCALE**2)
+    """Covariance of the M-estimate (Huber 1981, chapter 7.6); huge along what the points leave open.
+
+    With psi(r) = w(r) r it is sum(psi^2) / sum(psi')^2 times the inverse of the mean of J^T J over the points that
+    count. The weights shrink the residuals that they let through, so sum(w r^2) / sum(w) is less than sigma^2; for
+    Gaussian noise E[psi r] = sigma^2 E[psi'] (Stein), which gives sigma without that bias.
+    """
+    residual, jacobian = primitive.distance(points), primitive.jacobian(points)
+    weights, slopes = tukey_weights_and_slopes(residual, noise, primitive.freedom)
+    total = float(weights.sum())
+    spare = max(1 - primitive.freedom / max(total, 1.0), 1 / max(total, 1.0))
+    slope = max(float(slopes.sum()), 0.3 * total)  # less only where the residuals are anything but Gaussian
+    least = _LEAST_SCALE**2
+    variance = max(float(weights @ residual**2) / (slope * spare), least)
+    factor = max(float(weights**2 @ residual**2) * total / (slope**2 * spare), least)
     hessian = (jacobian * weights[:, None]).T @ jacobian
     scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-30))
     values, vectors = np.linalg.eigh(hessian * scale[:, None] * scale)
     inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T
-    return Uncertainty(float(np.sqrt(variance)), variance * inverse * scale[:, None] * scale)
+    return Uncertainty(float(np.sqrt(variance)), factor * inverse * scale[:, None] * scale)
 
 
 def is_degenerate(primitive: Primitive, points: Array, tolerance: float) -> bool:
@@ -123,10 +142,7 @@ def is_degenerate(primitive: Primitive, points: Array, tolerance: float) -> bool
         height = (points - primitive.apex) @ primitive.axis
         if np.ptp(height) * np.tan(primitive.half_angle) < tolerance:
             return True
-    if (
-        isinstance(primitive, Torus)
-        and primitive.major_radius < 4 * tolerance + 0.02 * primitive.minor_radius
-    ):
+    if isinstance(primitive, Torus) and primitive.major_radius < 4 * tolerance + 0.02 * primitive.minor_radius:
         return True
     feet = primitive.project(points)
     middle = feet.mean(axis=0)
