@@ -122,9 +122,8 @@ def _bent_tube(rng: np.random.Generator, count: int, curvature: float) -> tuple[
 
 
 def _split_ball(rng: np.random.Generator, count: int, major: float) -> tuple[Primitive, Array, Array]:
-    """A quarter of a ball that is turned about an axis beside its centre."""
-    major = min(major, 0.3)
-    return torus_points(rng, count, 180.0, 180.0, major, 0.3)
+    """A quarter of a ball, moved off the axis that it is turned about."""
+    return torus_points(rng, count, 180.0, 90.0, min(major, 0.3), 0.3)
 
 
 _FAMILIES: tuple[tuple[str, str, float, _Family], ...] = (
