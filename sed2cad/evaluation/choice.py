@@ -72,7 +72,11 @@ def distinction(truth: Primitive, feet: Array, noise: float) -> float:
 
 
 def ladder(seeds: int, counts: Sequence[int], strengths: Sequence[float] = STRENGTHS) -> list[ChoiceScores]:
-    """Kinds that differ from a simpler one by a few sigma."""
+    """Kinds that differ from a simpler one by a few sigma.
+
+    With thousands of points this is a fraction of the noise at each of them. `select` calls that the simpler kind on
+    purpose, since real scans err together over a patch; the ladder shows what this costs where errors are independent.
+    """
     return [
         choose(kind, case, _LADDER_NOISE, _rung(family, start, strength, count, seeds))
         for kind, case, start, family in _FAMILIES
