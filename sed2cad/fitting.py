@@ -12,25 +12,12 @@ from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import fit_bspline
 from sed2cad.primitives.plane import Plane
-from sed2cad.primitives.refine import is_degenerate, median_size, refine, tukey_weights, uncertainty
+from sed2cad.primitives.refine import is_degenerate, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
-from sed2cad.primitives.starts import starts, weighted_plane
+from sed2cad.primitives.robust_fit import START_POINTS, explains, misfits, robust_fit, thinned
 from sed2cad.scan.scan import Scan
 
-_TRIAL_POINTS = 200  # to compare first guesses
-_TRIALS = 6  # guesses that are worth a few steps
-_TRIAL_STEPS = 6  # that tell which of them lead somewhere
-_START_POINTS = 1000  # to make them and to refine the best
-_FINALISTS = 3  # that are refined until they rest
-_STEPS = 40  # more than enough to rest; along the valley of a short arc a handful is not
-_ROUNDS = 2  # of new guesses without the points that fit worst
-_MAJORITY = 0.6  # of the points: those that belong
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
-_OUTLIER = 12.0  # chi^2 of a point that belongs elsewhere
-_MEDIAN_CHI2 = 1.386  # of two degrees of freedom: squared angles of normals with a deviation of 1
-_FARTHEST = 3.5  # deviations of a normal that belongs
-_ENOUGH = 3  # points for each parameter, at least, when some are dropped
-_NORMAL_NOISE = 0.05  # radians; normals are not better than that
 _INDEPENDENT = 50  # points of a patch that err independently, as far as parameters are concerned
 _FINEST = 3e-5  # unit frame: what a tessellation or rounding leaves; no evidence is sharper than this
 _LARGEST_RADIUS = 20.0  # part diagonals; rounder is flat
@@ -65,20 +52,10 @@ def fit(kind: str, points: Array, normals: Array, noise: float) -> tuple[Primiti
     if len(points) < 3 or (kind == "bspline" and len(points) < 6):
         return None
     if kind == "bspline":
-        surface = fit_bspline(*_thinned(points, normals, _MOST_SPLINE_POINTS), noise)
+        surface = fit_bspline(*thinned(points, normals, _MOST_SPLINE_POINTS), noise)
         return None if surface is None else _measured(surface, points, points, noise)
-    primitive = _robust_plane(points, normals, noise) if kind == "plane" else _robust(kind, points, normals, noise)
-    if primitive is None:
-        return None
-    agreeing = _agreeing(primitive, points, normals)
-    if agreeing.all() or agreeing.sum() < _ENOUGH * primitive.freedom:
-        return _measured(primitive, points, points, noise)
-    kept = points[agreeing]
-    if kind == "plane":
-        primitive = _robust_plane(kept, normals[agreeing], noise)
-    else:
-        primitive = refine(primitive, kept, noise, _STEPS)
-    return _measured(primitive, points, kept, noise)
+    found = robust_fit(kind, points, normals, noise)
+    return None if found is None else _measured(found[0], points, found[1], noise)
 
 
 def select(
@@ -94,10 +71,10 @@ def select(
     A primitive that is another, simpler one in disguise is not considered, nor a B-spline where anything
     analytic reaches the noise.
     """
-    few = _thinned(points, normals, _START_POINTS)
+    few = thinned(points, normals, START_POINTS)
     found = _analytic_fits(*few, noise, [kind for kind in ANALYTIC_KINDS if kind in kinds])
     scale = max(noise, _FINEST)
-    if "bspline" in kinds and not any(_explains(entry.primitive, few[0], scale) for entry in found):
+    if "bspline" in kinds and not any(explains(entry.primitive, few[0], scale) for entry in found):
         surface = fit_bspline(*few, noise)
         found += [] if surface is None else [_Candidate(surface, _robust_sigma(surface, few[0], noise))]
     if not found:
@@ -151,71 +128,6 @@ def _any_plane(points: Array, normals: Array) -> tuple[Primitive, float, Array]:
     return plane, root_mean_square(plane.distance(points)), np.eye(3)
 
 
-def _robust(kind: str, points: Array, normals: Array, noise: float) -> Primitive | None:
-    """The best of several starts, refined until it rests, on all points in the end.
-
-    Least squares starts suffer from outliers, so there are new ones from the points that fit best so far (the
-    concentration of Rousseeuw and Van Driessen 1999, Computing LTS Regression).
-    """
-    some, few = _thinned(points, normals, _START_POINTS), _thinned(points, normals, _TRIAL_POINTS)
-    trials = _tried(starts(kind, *some), *few, noise)
-    for _ in range(_ROUNDS):
-        if not trials:
-            return None
-        best = trials[0]
-        if _explains(best, few[0], noise):
-            break
-        trials = _ranked(trials + _tried(starts(kind, *_majority(best, *some)), *few, noise), *few, noise)
-        if trials[0] is best:
-            break
-    finalists = [refine(trial, few[0], noise, _STEPS) for trial in trials[:_FINALISTS]]
-    best = refine(_ranked(finalists, *some, noise)[0], some[0], noise, _STEPS)
-    return refine(best, points, noise, _STEPS) if len(points) > len(some[0]) else best
-
-
-def _tried(guesses: Sequence[Primitive], points: Array, normals: Array, noise: float) -> list[Primitive]:
-    """A few steps from each of the better guesses; the best first."""
-    likely = _ranked(guesses, points, normals, noise)[:_TRIALS]
-    return _ranked([refine(guess, points, noise, _TRIAL_STEPS) for guess in likely], points, normals, noise)
-
-
-def _ranked(primitives: Sequence[Primitive], points: Array, normals: Array, noise: float) -> list[Primitive]:
-    """The best first."""
-    if not primitives:
-        return []
-    return [primitives[k] for k in np.argsort(_misfits(primitives, points, normals, noise), kind="stable")]
-
-
-def _majority(primitive: Primitive, points: Array, normals: Array) -> tuple[Array, Array]:
-    """The points whose distances and normals fit best, and their normals."""
-    square, angle = primitive.distance(points) ** 2, _angles(primitive, points, normals)
-    misfit = square / max(median_size(square), 1e-18) + angle / max(median_size(angle), _NORMAL_NOISE**2)
-    kept = np.sort(np.argsort(misfit, kind="stable")[: int(np.ceil(_MAJORITY * len(points)))])
-    return points[kept], normals[kept]
-
-
-def _angles(primitive: Primitive, points: Array, normals: Array) -> Array:
-    """Squared angles (n,) between the primitive's normals and those of the points, whichever side they are on."""
-    cosine = np.einsum("ij,ij->i", primitive.normal(points), normals)
-    return np.asarray(2 - 2 * cosine * (-1.0 if cosine.sum() < 0 else 1.0))
-
-
-def _agreeing(primitive: Primitive, points: Array, normals: Array) -> NDArray[np.bool_]:
-    """The points (n,) whose normals agree with the primitive's, by the spread of those that do."""
-    angle = _angles(primitive, points, normals)
-    spread = max(median_size(angle) / _MEDIAN_CHI2, _NORMAL_NOISE**2)
-    return np.asarray(angle <= _FARTHEST**2 * spread)
-
-
-def _robust_plane(points: Array, normals: Array, noise: float) -> Plane:
-    """Reweighted until the outliers are out; keeps the help of the normals in narrow strips."""
-    plane = weighted_plane(points, normals, np.ones(len(points)))
-    for _ in range(6):
-        weights = tukey_weights(plane.distance(points), noise, plane.freedom)
-        plane = weighted_plane(points, normals, weights)
-    return plane
-
-
 @dataclass(frozen=True)
 class _Candidate:
     primitive: Primitive
@@ -240,34 +152,12 @@ def _analytic_fits(points: Array, normals: Array, noise: float, kinds: Sequence[
     return found
 
 
-def _explains(primitive: Primitive, points: Array, sigma: float) -> bool:
-    """Whether the distances are about what the noise gives, some outliers aside."""
-    if sigma == 0:
-        return False
-    return float(np.minimum((primitive.distance(points) / sigma) ** 2, _OUTLIER).mean()) < 2
-
-
-def _misfits(primitives: Sequence[Primitive], points: Array, normals: Array, noise: float) -> Array:
-    """chi^2 (k,) of the distances and normals of each primitive, both capped.
-
-    The unit is the noise, or what the best of them leaves if that is more; the normals err in groups, so they
-    count less. Deviations of normals are measured as 2 (1 - cos), which is the angle squared.
-    """
-    distances = np.stack([primitive.distance(points) for primitive in primitives])
-    cosines = np.stack([np.einsum("ij,ij->i", primitive.normal(points), normals) for primitive in primitives])
-    angles = 2 - 2 * cosines * np.where(cosines.sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    sigma = max(noise, 1.4826 * min(median_size(row) for row in distances), 1e-9)
-    spread = max(1.4826**2 * min(median_size(row) for row in angles), _NORMAL_NOISE**2)
-    by_distance = np.minimum((distances / sigma) ** 2, _OUTLIER).sum(axis=1)
-    return np.asarray(by_distance + 0.3 * np.minimum(angles / spread, 9).sum(axis=1))
-
-
 def _costs(primitives: Sequence[Primitive], points: Array, normals: Array, sigma: float) -> Array:
     """chi^2 + parameters * log n of each primitive (k,); beyond 400 points errors are systematic."""
-    points, normals = _thinned(points, normals, 400)
+    points, normals = thinned(points, normals, 400)
     parameters = np.array([_parameter_count(primitive) for primitive in primitives])
     weight = np.log(min(len(points), _INDEPENDENT))
-    return np.asarray(_misfits(primitives, points, normals, sigma) + parameters * weight)
+    return np.asarray(misfits(primitives, points, normals, sigma) + parameters * weight)
 
 
 def _parameter_count(primitive: Primitive) -> int:
@@ -286,14 +176,6 @@ def _robust_sigma(primitive: Primitive, points: Array, noise: float) -> float:
     residual = primitive.distance(points)
     weights = tukey_weights(residual, noise, primitive.freedom)
     return float(np.sqrt(weights @ residual**2 / max(float(weights.sum()) - primitive.freedom, 1.0)))
-
-
-def _thinned(points: Array, normals: Array, most: int) -> tuple[Array, Array]:
-    """At most so many of the points, spread over their order."""
-    if len(points) <= most:
-        return points, normals
-    chosen = np.linspace(0, len(points) - 1, most).astype(np.int64)
-    return points[chosen], normals[chosen]
 
 
 def root_mean_square(residual: Array) -> float:

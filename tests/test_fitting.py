@@ -18,6 +18,7 @@ from sed2cad.primitives.vectors import unit
 from sed2cad.scan.scan import Frame, Scan
 from tests.primitives.patches import (
     Sample,
+    Z,
     axis_angle,
     cone_patch,
     cylinder_patch,
@@ -106,6 +107,17 @@ def test_the_fillet_of_a_short_arc_is_followed_down_its_valley() -> None:
     rng = np.random.default_rng(4)
     patch = disturbed(torus_patch(rng, 500, major=0.35, minor=0.15, arc=45, tube=(0, 90)), rng, 2e-4, normal_noise=5)
     assert off_truth(fitted("torus", patch, 2e-4), patch) < 3 * 2e-4 * np.sqrt(7 / 500)
+
+
+def test_a_tube_that_is_hardly_bent_has_its_curvature() -> None:
+    """The centre is 20 lengths away: its chart alone would take hundreds of steps."""
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        patch = torus_patch(rng, 300, major=10.0, minor=0.15, arc=3.4, tube=(-90, 90))
+        patch = Sample(patch.truth, patch.points - [10.0, 0.0, 0.0], patch.normals)
+        patch = Sample(Torus(Z, np.array([-10.0, 0.0, 0.0]), 10.0, 0.15), patch.points, patch.normals)
+        patch = disturbed(patch, rng, 5e-4, normal_noise=5)
+        assert off_truth(fitted("torus", patch, 5e-4), patch) < 2 * 5e-4 * np.sqrt(7 / 300)
 
 
 @settings(max_examples=8, deadline=None)

@@ -72,7 +72,11 @@ def distinction(truth: Primitive, feet: Array, noise: float) -> float:
 
 
 def ladder(seeds: int, counts: Sequence[int], strengths: Sequence[float] = STRENGTHS) -> list[ChoiceScores]:
-    """Kinds that differ from a simpler one by a few sigma."""
+    """Kinds that differ from a simpler one by a few sigma.
+
+    With thousands of points this is a fraction of the noise at each of them. `select` calls that the simpler kind on
+    purpose, since real scans err together over a patch; the ladder shows what this costs where errors are independent.
+    """
     return [
         choose(kind, case, _LADDER_NOISE, _rung(family, start, strength, count, seeds))
         for kind, case, start, family in _FAMILIES
@@ -122,9 +126,8 @@ def _bent_tube(rng: np.random.Generator, count: int, curvature: float) -> tuple[
 
 
 def _split_ball(rng: np.random.Generator, count: int, major: float) -> tuple[Primitive, Array, Array]:
-    """A quarter of a ball that is turned about an axis beside its centre."""
-    major = min(major, 0.3)
-    return torus_points(rng, count, 180.0, 180.0, major, 0.3)
+    """A quarter of a ball, moved off the axis that it is turned about."""
+    return torus_points(rng, count, 180.0, 90.0, min(major, 0.3), 0.3)
 
 
 _FAMILIES: tuple[tuple[str, str, float, _Family], ...] = (

@@ -60,8 +60,8 @@ def targets(result: FittingResult) -> list[Target]:
                 name = f"{kind}, {100 * outliers:.0f} % outliers: error / bound, "
                 found.append(Target(name + "median", float(np.median(ratios)), median))
                 found.append(Target(name + "95 %", float(np.quantile(ratios, 0.95)), high))
-    share = _share(_distinct(result.choices))
-    found.append(Target("kinds chosen right", share, _RIGHT, at_least=True))
+    for name, choices in (("", result.choices), (" near the limit", result.ladder)):
+        found.append(Target("kinds chosen right" + name, _share(_distinct(choices)), _RIGHT, at_least=True))
     clean = [row for row in result.splines if row.cell.count >= _SPLINE_POINTS and row.cell.outliers == 0]
     worst = max((row.residual for row in clean), default=float("nan"))
     found.append(Target("B-spline: residual / noise at 5,000 points, worst cell", worst, _SPLINE_RESIDUAL))

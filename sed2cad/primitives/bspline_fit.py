@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.bspline import DEGREE, Base, BSplineSurface
@@ -18,6 +20,9 @@ _SMOOTHING = 1e-5  # weight of the second differences against the mean weight of
 _MOST_CONTROLS = 28  # per direction
 _LEAST_GAIN = 0.93  # a refinement must bring the rms at least this far down
 _FINEST = 2e-5  # rms that nobody needs to go below, unit frame
+_NEIGHBOURS = 8  # of a point, that tell whether it belongs
+_UNUSUAL = 4.0  # times the median: belongs elsewhere
+_FOLD = 0.4  # radians between the normals of neighbours, or rise over run, that happens in a patch
 _STEEPEST = 0.25  # cosine: a patch over a plane must not be steeper than this
 
 
@@ -41,6 +46,8 @@ def fit_bspline(points: Array, normals: Array, noise: float = 0.0) -> BSplineSur
     """
     if len(points) < 6:
         return None
+    belong = _belonging(points, normals)
+    points, normals = points[belong], normals[belong]
     charts = [_axis_chart(points, normals)]
     plane = _plane_chart(points, normals)
     if np.quantile(plane.slant, 0.02) > _STEEPEST:
@@ -48,6 +55,24 @@ def fit_bspline(points: Array, normals: Array, noise: float = 0.0) -> BSplineSur
     elif np.quantile(plane.slant, 0.1) > 0:
         charts.append(plane)
     return min((_refined(chart, noise) for chart in charts), key=lambda found: found[1])[0]
+
+
+def _belonging(points: Array, normals: Array) -> NDArray[np.bool_]:
+    """Points (n,) that lie on the tangent planes of their neighbours and have about their normals.
+
+    What is allowed is several times what is usual in the patch, and as much as a fold needs in any case. Everything
+    belongs where less than half would.
+    """
+    distance, near = cKDTree(points).query(points, k=min(_NEIGHBOURS + 1, len(points)))
+    distance, near = distance[:, 1:], near[:, 1:]
+    cosine = np.einsum("ij,ikj->ik", normals, normals[near])
+    height = np.abs(np.einsum("ikj,ikj->ik", points[:, None] - points[near], normals[near]))
+    turn = np.median(np.arccos(np.clip(cosine, -1, 1)), axis=1)
+    slope = np.median(height, axis=1) / np.maximum(np.median(distance, axis=1), 1e-300)
+    belong = np.ones(len(points), bool)
+    for unlike in (turn, slope):
+        belong &= unlike <= max(_UNUSUAL * float(np.median(unlike)), _FOLD)
+    return belong if 2 * belong.sum() >= max(len(points), 12) else np.ones(len(points), bool)
 
 
 def _plane_chart(points: Array, normals: Array) -> _Chart:
@@ -84,23 +109,28 @@ def _axis_chart(points: Array, normals: Array) -> _Chart:
 def _refined(chart: _Chart, noise: float) -> tuple[BSplineSurface, float]:
     """Spans doubled in the direction that gains more, until the noise is reached. The patch and its rms.
 
-    One step that gains little is forgiven (a fold may need several knots), a second one not.
+    One step that gains little is forgiven (a fold may need several knots), a second one not. At the noise only what
+    gains more than its control heights cost goes on (Mallows 1973): a bend of a third of the noise is in reach of many
+    points.
     """
-    spans = (1, 1) if chart.base == "plane" else (6, 1)
+    spans, points = (1, 1) if chart.base == "plane" else (6, 1), len(chart.uv)
     best = current = (*_solved(chart, spans), spans)
     patience = 1
-    while current[1] > max(1.1 * noise, _FINEST) and patience >= 0:
+    while current[1] > _FINEST and patience >= 0:
+        reached = current[1] <= 1.1 * noise
         u, v = current[2]
-        trials = [
-            trial for trial in ((2 * u, v), (u, 2 * v), (2 * u, 2 * v)) if _affordable(*trial, len(chart.uv))
-        ]
+        grids = ((2 * u, v), (u, 2 * v), (2 * u, 2 * v))
+        trials = [(*_solved(chart, grid), grid) for grid in grids if _affordable(*grid, points)]
         if not trials:
             break
-        current = min(((*_solved(chart, trial), trial) for trial in trials), key=lambda found: found[1])
-        if current[1] < _LEAST_GAIN * best[1]:
+        finest = min(rms for _, rms, _ in trials)
+        price = 2 * max(noise, finest) ** 2 / points if reached else 0.0
+        current = min(trials, key=lambda found: found[1] ** 2 + price * found[0].heights.size)
+        fall, heights = best[1] ** 2 - current[1] ** 2, current[0].heights.size - best[0].heights.size
+        if fall > price * heights if reached else current[1] < _LEAST_GAIN * best[1]:
             best, patience = current, 1
         else:
-            patience -= 1
+            patience = -1 if reached else patience - 1
     return best[0], best[1]
 
 

@@ -11,6 +11,7 @@ from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.starts import is_proper
 from sed2cad.primitives.torus import Torus
+from sed2cad.primitives.vectors import tangent_frame, tilted, unit
 
 _TUKEY = 4.685  # 95 % efficiency on Gaussian noise
 _LEAST_SCALE = 1e-7  # unit frame; keeps the weights finite on exact points
@@ -22,13 +23,13 @@ def refine(primitive: Primitive, points: Array, noise: float, steps: int, robust
     It rests where the next step promises less than a thousandth of one point's share of the cost.
     """
     primitive = centred(primitive, points)
-    state = _linearised(primitive, points, noise, robust)
-    damping = 1e-4
+    state, middle = _linearised(primitive, points, noise, robust), points.mean(axis=0)
+    damping = 1e-6
     for _ in range(steps):
         step, promised = state.step(damping)
         if promised <= 1e-3 / len(points) * state.cost:
             break
-        trial = primitive.moved(step)
+        trial = bent(primitive, step, middle) if isinstance(primitive, Torus) else primitive.moved(step)
         if is_proper(trial) and state.cost_of(trial, points) <= state.cost:
             primitive, damping = trial, damping / 10
             state = _linearised(primitive, points, noise, robust)
@@ -37,6 +38,26 @@ def refine(primitive: Primitive, points: Array, noise: float, steps: int, robust
             if damping > 1e4:
                 break
     return primitive
+
+
+def bent(torus: Torus, step: Array, middle: Array) -> Torus:
+    """The torus moved by a step of its chart, to first order, along the valley of a short arc near `middle` (3,).
+
+    There the centre is far from the points and hangs on the tilts, the shift and the major radius all at once: what
+    is nearly linear is the place of the tube amid the points and its curvature. So these two take the step.
+    """
+    offset, major = middle - torus.centre, torus.major_radius
+    across = offset - (offset @ torus.axis) * torus.axis
+    reach = float(np.linalg.norm(across))
+    if reach < 0.5 * major:  # the points surround the axis
+        return torus.moved(step)
+    outwards, axis = across / reach, tilted(torus.axis, step[:2])
+    x, y = tangent_frame(torus.axis)
+    sinking = major * float((step[0] * x + step[1] * y) @ outwards)
+    tube = torus.centre + step[2:5] + (major + step[5]) * outwards - sinking * torus.axis
+    major /= 1 - min(float(step[5]) / major, 0.9)
+    centre = tube - major * unit(outwards - (outwards @ axis) * axis)
+    return Torus(axis, centre, major, torus.minor_radius + float(step[6]))
 
 
 @dataclass(frozen=True)

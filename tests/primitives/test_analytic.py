@@ -11,7 +11,7 @@ from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
-from sed2cad.primitives.refine import centred
+from sed2cad.primitives.refine import bent, centred
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.primitives.torus import Torus
@@ -86,6 +86,17 @@ def test_feet_lie_on_the_surface(primitive: Primitive) -> None:
 def test_parameters_round_trip(primitive: Primitive) -> None:
     again = primitive_class(primitive.kind).from_parameters(primitive.parameters())
     assert again.distance(cloud()) == pytest.approx(primitive.distance(cloud()))
+
+
+def test_the_step_along_a_short_arc_is_the_chart_to_first_order() -> None:
+    torus, points = Torus(unit(np.array([0.2, 1.0, -3.0])), np.array([0.1, 0.2, 0.3]), 0.5, 0.2), cloud(4)
+    near = torus.centre + 0.5 * tangent_frame(torus.axis)[0]
+    for step in 1e-6 * np.eye(7):
+        change = bent(torus, step, near).distance(points) - bent(torus, -step, near).distance(points)
+        assert change / 2e-6 == pytest.approx(torus.jacobian(points) @ step / 1e-6, abs=2e-7, rel=1e-6)
+    grown = bent(torus, np.array([0, 0, 0, 0, 0, 9.0, 0]), near)
+    assert grown.major_radius == pytest.approx(5.0)  # ten times at most
+    assert bent(torus, 0.1 * np.ones(7), torus.centre).major_radius == pytest.approx(0.6)
 
 
 @settings(max_examples=15, deadline=None)
