@@ -14,12 +14,11 @@ from sed2cad.primitives.bspline_fit import fit_bspline
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.refine import is_degenerate, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
-from sed2cad.primitives.robust_fit import START_POINTS, explains, misfits, robust_fit, thinned
+from sed2cad.primitives.robust_fit import FINEST, START_POINTS, explains, misfits, robust_fit, thinned
 from sed2cad.scan.scan import Scan
 
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
 _INDEPENDENT = 50  # points of a patch that err independently, as far as parameters are concerned
-_FINEST = 3e-5  # unit frame: what a tessellation or rounding leaves; no evidence is sharper than this
 _LARGEST_RADIUS = 20.0  # part diagonals; rounder is flat
 
 # Shares of the faces of real parts; torus and freeform must earn their place.
@@ -73,7 +72,7 @@ def select(
     """
     few = thinned(points, normals, START_POINTS)
     found = _analytic_fits(*few, noise, [kind for kind in ANALYTIC_KINDS if kind in kinds])
-    scale = max(noise, _FINEST)
+    scale = max(noise, FINEST)
     if "bspline" in kinds and not any(explains(entry.primitive, few[0], scale) for entry in found):
         surface = fit_bspline(*few, noise)
         found += [] if surface is None else [_Candidate(surface, _robust_sigma(surface, few[0], noise))]
@@ -137,7 +136,7 @@ class _Candidate:
 def _analytic_fits(points: Array, normals: Array, noise: float, kinds: Sequence[str]) -> list[_Candidate]:
     """Fits worth comparing, without those that are freer than one that leaves nothing to explain."""
     found: list[_Candidate] = []
-    tolerance = max(noise, _FINEST)
+    tolerance = max(noise, FINEST)
     for kind in kinds:
         freedom = primitive_class(kind).freedom
         if any(entry.sigma < 0.9 * tolerance and entry.primitive.freedom <= freedom for entry in found):

@@ -25,6 +25,7 @@ _MEDIAN_CHI2 = 1.386  # of two degrees of freedom: squared angles of normals wit
 _FARTHEST = 3.5  # deviations of a normal that belongs
 _DROPS = 3  # times that they are looked for, at most
 _ENOUGH = 3  # points for each parameter, at least, when some are dropped
+FINEST = 3e-5  # unit frame: what a tessellation or rounding leaves; no evidence is sharper than this
 _NORMAL_NOISE = 0.05  # radians; normals are not better than that
 
 
@@ -58,12 +59,16 @@ def _robust(kind: str, points: Array, normals: Array, noise: float) -> Primitive
         if not trials:
             return None
         best = trials[0]
-        if explains(best, few[0], noise):
+        if explains(best, few[0], max(noise, FINEST)):
             break
         trials = _ranked(trials + _tried(starts(kind, *_majority(best, *some)), *few, noise), *few, noise)
         if trials[0] is best:
             break
-    finalists = [refine(trial, few[0], noise, _STEPS) for trial in trials[:_FINALISTS]]
+    finalists: list[Primitive] = []
+    for trial in trials[:_FINALISTS]:
+        finalists.append(refine(trial, few[0], noise, _STEPS))
+        if explains(finalists[-1], few[0], max(noise, FINEST)):
+            break
     best = refine(_ranked(finalists, *some, noise)[0], some[0], noise, _STEPS)
     return refine(best, points, noise, _STEPS) if len(points) > len(some[0]) else best
 
@@ -113,8 +118,6 @@ def _robust_plane(points: Array, normals: Array, noise: float) -> Plane:
 
 def explains(primitive: Primitive, points: Array, sigma: float) -> bool:
     """Whether the distances are about what the noise gives, some outliers aside."""
-    if sigma == 0:
-        return False
     return float(np.minimum((primitive.distance(points) / sigma) ** 2, _OUTLIER).mean()) < 2
 
 

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 MOST_POINTS = 240
 LIKELY = 0.5
+NEAR = 2.0  # mean data cost of a kind that may be the right one
 SIMPLE_FIRST = ("plane", "cylinder", "sphere", "cone", "torus")
 
 
@@ -37,9 +38,7 @@ def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: floa
     kinds leave much and the points are likely to be `freeform` (probability).
     """
     count = len(points)
-    if count > MOST_POINTS:
-        chosen = np.linspace(0, count - 1, MOST_POINTS).astype(np.int64)
-        points, normals = points[chosen], normals[chosen]
+    points, normals = _thinned(points, normals)
     best: Choice | None = None
     least = np.inf
     for kind in SIMPLE_FIRST:
@@ -60,6 +59,24 @@ def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: floa
         if rated is not None and (best is None or rated.cost < 0.7 * best.cost):
             best = rated
     return best and Choice(best.primitive, best.sign, best.cost * count / len(points))
+
+
+def plausible(points: Array, normals: Array, tolerances: Tolerances) -> list[str]:
+    """The kinds that come near points (n, 3) and their normals: worth a careful fit."""
+    points, normals = _thinned(points, normals)
+    near = []
+    for kind in SIMPLE_FIRST:
+        found = _fit(kind, points, normals, tolerances) if primitive_class(kind).freedom < len(points) else None
+        if found is not None and found.cost < NEAR * len(points):
+            near.append(kind)
+    return near
+
+
+def _thinned(points: Array, normals: Array) -> tuple[Array, Array]:
+    if len(points) <= MOST_POINTS:
+        return points, normals
+    chosen = np.linspace(0, len(points) - 1, MOST_POINTS).astype(np.int64)
+    return points[chosen], normals[chosen]
 
 
 def _fit(kind: str, points: Array, normals: Array, tolerances: Tolerances) -> Choice | None:

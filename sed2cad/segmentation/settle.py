@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.fitting import select
+from sed2cad.segmentation.choose import plausible
+from sed2cad.segmentation.energy import Tolerances
 from sed2cad.segmentation.graph import Graph
 from sed2cad.segmentation.refine import State, groups
 
@@ -15,7 +17,9 @@ ENOUGH = 12  # points that say more about the kind than the refinement knew
 FREEFORM = 24  # points without which nothing is called freeform
 
 
-def settle(points: Array, normals: Array, graph: Graph, state: State, noise: float) -> list[str]:
+def settle(
+    points: Array, normals: Array, graph: Graph, state: State, tolerances: Tolerances, noise: float
+) -> list[str]:
     """The kind of each patch, chosen again from its inner points.
 
     The refinement compares kinds within its tolerance, which is wider than the noise of a clean scan: there, a narrow
@@ -26,7 +30,10 @@ def settle(points: Array, normals: Array, graph: Graph, state: State, noise: flo
     for members, choice in zip(groups(state.labels), state.primitives):
         few = members[inner[members]]
         few = few if len(few) >= ENOUGH else members
-        found = select(points[few], normals[few], noise) if len(few) >= ENOUGH else None
+        found = None
+        if len(few) >= ENOUGH:
+            likely = [*plausible(points[few], normals[few], tolerances), "bspline"]
+            found = select(points[few], normals[few], noise, likely)
         kind = choice.primitive.kind if found is None else found.primitive.kind
         kinds.append(choice.primitive.kind if kind == "bspline" and len(few) < FREEFORM else kind)
     return kinds
