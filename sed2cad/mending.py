@@ -94,6 +94,16 @@ class Mending:
         base = replace(self.base, topology=traced.topology, fitted=tuple(traced.fitted))
         return Mending(base, traced)
 
+    def misfits(self) -> tuple[int, ...]:
+        """Regions whose surface does not even explain their triangles."""
+        found = []
+        for r, region in enumerate(self.base.topology.regions):
+            surface = self.base.fitted[region.primitive].primitive
+            off = np.abs(surface.distance(region.points))
+            if r not in self.freeform and r not in self.facets and np.median(off) > _FARTHEST:
+                found.append(r)
+        return tuple(found)
+
     def share(self) -> float:
         """The share of the surface that is replaced."""
         areas = np.array([region.area for region in self.base.topology.regions])
@@ -129,6 +139,6 @@ def mend(
         looked = True
         if again is not None:
             mending = mending.retraced(again)
-        elif not mending.replace_all(verdict.blamed):
+        elif not mending.replace_all(mending.misfits() or verdict.blamed):
             break
     return None, reason

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from sed2cad.brep.blame import to_blame
+from sed2cad.brep.blame import at_worst_edge, to_blame
 from sed2cad.brep.bodies import BodyShape, Joined, cavities, join
 from sed2cad.brep.faceted import faceted_bodies
 from sed2cad.brep.fix import VARIANTS, Variant, fix
@@ -119,7 +119,7 @@ def assemble(attempt: Attempt) -> AssemblyResult:
     fitted = [widened(patch) for patch in attempt.fitted]
     draft = Draft(realise(topology, fitted), fitted)
     layout = place(draft)
-    hollow = cavities(layout, [region.area for region in topology.regions])
+    hollow = cavities(layout, [region.area for region in topology.regions], attempt.facets)
     bodies = build_bodies(faceted(layout, attempt.facets).in_world(frame))
     best: tuple[int, AssemblyResult, Joined, Checked] | None = None
     for variant in attempt.options.variants:
@@ -136,7 +136,8 @@ def assemble(attempt: Attempt) -> AssemblyResult:
             best = faults, result, joined, checked
     if best is None:
         raise AssemblyError("no repair of the solid was asked for")
-    blamed = to_blame(best[2], best[3], topology, frame, attempt.options.limits)
+    limits = attempt.options.limits
+    blamed = to_blame(best[2], best[3], topology, frame, limits) or at_worst_edge(layout, topology, limits.tolerance)
     return replace(best[1], blamed=blamed)
 
 

@@ -11,11 +11,14 @@ from sed2cad.brep.bodies import Joined
 from sed2cad.brep.gate import Checked, Limits
 from sed2cad.brep.kernel import edges, faces, vertices
 from sed2cad.brep.measure import Deviations, Triangles, nearest_triangles, spread_over
+from sed2cad.geometry.facets import is_loose
+from sed2cad.geometry.layout import Layout
 from sed2cad.scan.scan import Frame
 from sed2cad.topology.model import Topology
 
 _SAMPLES = 20_000  # points on the solid
 _MISSING = 0.1  # share of a region's points that its face may miss
+_OFF = 0.3  # of the largest tolerance: edges this far from their surfaces may be the cause of it all
 _BEYOND = 0.1  # share of a face that may lie off its region
 
 
@@ -70,3 +73,19 @@ def _off_edges(joined: Joined, topology: Topology, limit: float) -> set[int]:
         if region >= 0 and max(reach, default=0.0) > limit:
             wide.add(region)
     return set(sorted(wide, key=lambda r: topology.regions[r].area)[:1])
+
+
+def at_worst_edge(layout: Layout, topology: Topology, limit: float) -> tuple[int, ...]:
+    """The smaller region at the edge that is farthest from its surfaces, where that is far (unit frame)."""
+    beside: dict[int, set[int]] = {}
+    for face in layout.faces:
+        for loop in face.loops:
+            for edge, _ in loop:
+                if not is_loose(face):
+                    beside.setdefault(edge, set()).add(face.region)
+    if not beside:
+        return ()
+    worst = max(beside, key=lambda e: layout.edges[e].residual)
+    if layout.edges[worst].residual < _OFF * limit:
+        return ()
+    return (min(beside[worst], key=lambda r: topology.regions[r].area),)
