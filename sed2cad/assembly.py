@@ -168,7 +168,10 @@ def _mended(
             done("assemble", f"{MENDED}: {message}")
 
         left = (end - time.perf_counter()) / 2 if trial is not hopeful[-1] else end - time.perf_counter()
-        mended, reason = mend(scan, trial.attempt, trial.traced, run_isolated, left, say)
+        try:
+            mended, reason = mend(scan, trial.attempt, trial.traced, run_isolated, left, say)
+        except AssemblyError as error:
+            mended, reason = None, str(error)
         if mended is not None:
             return _assembly(mended.attempt, mended.result, MENDED, failures, trial.constraints)
         failures.append(f"{MENDED}: {reason}")

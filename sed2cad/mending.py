@@ -23,7 +23,8 @@ from sed2cad.topology.trace import Traced
 
 Run = Callable[[Callable[[Attempt], Verdict], Attempt, float], Verdict | Failure]
 
-_MOST_ROUNDS = 12
+_MOST_ROUNDS = 24
+_TINY = 2e-3  # of the unit area: smaller faces become facets at once
 _CLOUD = 3000  # points of a face that its facets follow
 _LARGEST = 0.8  # share of the surface: when more is to be replaced, the solid is not worth mending
 _CLOSE = 3e-3  # unit frame: rms of a freeform face from its region of the proxy mesh
@@ -71,6 +72,8 @@ class Mending:
 
     def _smooth(self, region: int) -> FittedPatch | None:
         """A freeform surface through a region, where one comes near enough."""
+        if self.base.topology.regions[region].area < _TINY:
+            return None
         cloud = self.cloud(region)
         surface = fit_bspline(cloud.points, cloud.normals, 5e-4)
         if surface is None:
@@ -139,6 +142,7 @@ def mend(
         looked = True
         if again is not None:
             mending = mending.retraced(again)
-        elif not mending.replace_all(mending.misfits() or verdict.blamed):
+            continue
+        if not mending.replace_all(mending.misfits() or verdict.blamed):
             break
     return None, reason

@@ -137,8 +137,9 @@ def assemble(attempt: Attempt) -> AssemblyResult:
     if best is None:
         raise AssemblyError("no repair of the solid was asked for")
     limits = attempt.options.limits
-    blamed = to_blame(best[2], best[3], topology, frame, limits) or at_worst_edge(layout, topology, limits.tolerance)
-    return replace(best[1], blamed=blamed)
+    blamed = to_blame(best[2], best[3], topology, frame, limits)
+    blamed = tuple(r for r in blamed if r not in attempt.facets)
+    return replace(best[1], blamed=blamed or at_worst_edge(layout, topology, limits.tolerance))
 
 
 def _judged(attempt: Attempt, joined: Joined, variant: Variant) -> tuple[AssemblyResult, Checked]:

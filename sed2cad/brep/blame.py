@@ -34,7 +34,7 @@ def to_blame(
         astray = _astray(joined, checked.deviations, topology, frame, limits)
         if astray:
             return tuple(sorted(astray))
-    return tuple(sorted(_off_edges(joined, topology, limits.tolerance * frame.scale)))
+    return _off_edges(joined, topology, limits.tolerance * frame.scale)
 
 
 def _invalid(joined: Joined) -> set[int]:
@@ -65,14 +65,15 @@ def _astray(
     return found
 
 
-def _off_edges(joined: Joined, topology: Topology, limit: float) -> set[int]:
-    """The smallest of the regions at edges and vertices that are too far from their faces."""
+def _off_edges(joined: Joined, topology: Topology, limit: float) -> tuple[int, ...]:
+    """The smallest of the exact regions at edges and vertices that are too far from their faces."""
     wide = set()
+    cut = {r for r in joined.regions if joined.regions.count(r) > 1}
     for face, region in zip(faces(joined.shape), joined.regions):
         reach = [BRep_Tool.Tolerance_s(e) for e in edges(face)] + [BRep_Tool.Tolerance_s(v) for v in vertices(face)]
-        if region >= 0 and max(reach, default=0.0) > limit:
+        if region >= 0 and region not in cut and max(reach, default=0.0) > limit:
             wide.add(region)
-    return set(sorted(wide, key=lambda r: topology.regions[r].area)[:1])
+    return tuple(sorted(wide, key=lambda r: topology.regions[r].area)[:1])
 
 
 def at_worst_edge(layout: Layout, topology: Topology, limit: float) -> tuple[int, ...]:

@@ -21,6 +21,8 @@ _ALIKE = 0.9  # if their normals agree (cosine)
 _TINY = 1e-3  # of the unit area: smaller regions need only be near,
 _NEAR = 1e-2  # so near
 _ASTRAY = 8e-3  # unit frame: a triangle this far from its surface belongs elsewhere
+_TURNED = 0.3  # so does one turned this far (cosine) from it, if it is
+_OFF = 1.5e-3  # so far from it
 _ACROSS = 0.7  # cosine below which its neighbours do, too
 _FLAT = 4e-3  # unit frame: rms of a plane through such triangles
 _LEAST = 3  # triangles
@@ -73,7 +75,7 @@ def _unexplained(
         own, patch = np.flatnonzero(labels == label), patches[label]
         off[own] = np.abs(patch.primitive.distance(centres[own]))
         cosine[own] = patch.sign * np.einsum("ij,ij->i", patch.primitive.normal(centres[own]), normals[own])
-    seeds = off > _ASTRAY
+    seeds = (off > _ASTRAY) | ((cosine < _TURNED) & (off > _OFF))
     chosen = seeds | (cosine < _ACROSS)
     both = chosen[near.pairs].all(axis=1)
     _, group = groups(len(labels), near.pairs[both])
