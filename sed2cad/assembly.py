@@ -18,6 +18,7 @@ from sed2cad.brep.attempt import assemble_faceted as faceted_solid
 from sed2cad.brep.gate import Limits
 from sed2cad.brep.worker import Failure, run_isolated
 from sed2cad.errors import AssemblyError
+from sed2cad.mending import mend
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.names import primitive_names
 from sed2cad.regularize import Constraint, regularize
@@ -31,6 +32,8 @@ from sed2cad.topology.trace import Traced, trace
 Done = Callable[[str, str], None]
 
 FACETS = "facets"
+MENDED = "mended"
+_MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
 FACET_COUNTS = (1500, 12_000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
 
 
@@ -72,6 +75,7 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
     all could be built.
     """
     failures: list[str] = []
+    trials: list[Trial] = []
     tracer = Tracer(scan, fitted)
     start = time.perf_counter()
     for rung in LADDER:
@@ -79,15 +83,23 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
         try:
-            found, reason = _attempt(rung, tracer, settings, done)
+            trial = _attempt(rung, tracer, settings, done)
         except AssemblyError as error:
-            found, reason = None, str(error)
+            failures.append(f"{rung.name}: {error}")
+            done("assemble", failures[-1])
+            continue
+        reason = _fault(trial.outcome)
         done("assemble", f"{rung.name}: {reason or 'closed'}")
-        if found is not None and not reason:
-            return replace(found, failures=tuple(failures))
+        if isinstance(trial.outcome, AssemblyResult) and not reason:
+            return _assembly(trial.attempt, trial.outcome, rung.name, failures, trial.constraints)
         failures.append(f"{rung.name}: {reason}")
+        trials.append(trial)
     if not tracer.proxies:
         raise AssemblyError(f"no closed surface could be laid through the scan ({failures[-1]})")
+    seconds = min(settings.attempt_seconds, settings.solid_seconds - (time.perf_counter() - start))
+    mended = _mended(scan, trials, seconds, failures, done)
+    if mended is not None:
+        return mended
     return _facets(scan, next(iter(tracer.proxies.values())), fitted, settings, failures, done)
 
 
@@ -111,8 +123,25 @@ class Tracer:
         return self.traces[key]
 
 
-def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> tuple[Assembly | None, str]:
-    """One rung: the assembly and why it is not good enough (empty when it is)."""
+@dataclass(frozen=True)
+class Trial:
+    """One rung tried."""
+
+    attempt: Attempt
+    traced: Traced
+    outcome: AssemblyResult | Failure
+    constraints: tuple[Constraint, ...]
+
+    @property
+    def flaws(self) -> float:
+        """How many faces are to blame, as far as that is known; infinite where there is nothing to mend."""
+        if isinstance(self.outcome, Failure):
+            return 1.5 if self.outcome.kind == "error" else math.inf
+        return len(self.outcome.blamed) or 99.0
+
+
+def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Trial:
+    """One rung."""
     scan, traced = tracer.scan, tracer.trace(rung)
     patches = list(traced.fitted)
     constraints: list[Constraint] = []
@@ -124,11 +153,40 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> tupl
     options = Options(limits=_limits(scan, settings))
     attempt = Attempt(traced.topology, tuple(patches), scan.frame, scan.points, options, surface)
     outcome = run_isolated(exact_solid, attempt, settings.attempt_seconds)
-    reason = _fault(outcome)
-    if isinstance(outcome, Failure):
-        return None, reason
-    names = face_names(outcome, patches)
-    return Assembly(tuple(patches), traced.topology, outcome, names, rung.name, (), tuple(constraints)), reason
+    return Trial(attempt, traced, outcome, tuple(constraints))
+
+
+def _mended(
+    scan: Scan, trials: Sequence[Trial], seconds: float, failures: list[str], done: Done
+) -> Assembly | None:
+    """The trial with the fewest faces to blame, those replaced; None where that does not pass either."""
+    hopeful = sorted((t for t in trials if t.flaws < math.inf), key=lambda t: t.flaws)[:_MENDED]
+    end = time.perf_counter() + seconds
+    for trial in hopeful:
+
+        def say(message: str) -> None:
+            done("assemble", f"{MENDED}: {message}")
+
+        left = (end - time.perf_counter()) / 2 if trial is not hopeful[-1] else end - time.perf_counter()
+        try:
+            mended, reason = mend(scan, trial.attempt, trial.traced, run_isolated, left, say)
+        except AssemblyError as error:
+            mended, reason = None, str(error)
+        if mended is not None:
+            return _assembly(mended.attempt, mended.result, MENDED, failures, trial.constraints)
+        failures.append(f"{MENDED}: {reason}")
+    return None
+
+
+def _assembly(
+    attempt: Attempt,
+    result: AssemblyResult,
+    rung: str,
+    failures: Sequence[str],
+    constraints: tuple[Constraint, ...],
+) -> Assembly:
+    names = face_names(result, attempt.fitted)
+    return Assembly(attempt.fitted, attempt.topology, result, names, rung, tuple(failures), constraints)
 
 
 def _facets(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
+from sed2cad.brep.blame import at_worst_edge, to_blame
 from sed2cad.brep.bodies import BodyShape, Joined, cavities, join
 from sed2cad.brep.faceted import faceted_bodies
 from sed2cad.brep.fix import VARIANTS, Variant, fix
@@ -17,16 +18,19 @@ from sed2cad.brep.kernel import Array, to_bytes
 from sed2cad.brep.solid import build_bodies
 from sed2cad.errors import AssemblyError
 from sed2cad.geometry.extend import widened
+from sed2cad.geometry.facets import faceted
 from sed2cad.geometry.layout import Draft
+from sed2cad.geometry.loose import loose_patch
+from sed2cad.geometry.polygons import Cloud
 from sed2cad.geometry.realise import realise
-from sed2cad.geometry.seams import place
+from sed2cad.geometry.seams import OpenFace, place
 from sed2cad.primitives.base import FittedPatch, Primitive
 from sed2cad.scan.scan import Frame, Mesh
 from sed2cad.topology.model import Topology
 
 _MOST_POINTS = 5000  # that a solid is judged by
 
-Rung = Literal["exact", "bspline", "facets"]
+Rung = Literal["exact", "bspline", "freeform", "facets"]  # freeform: in place of an exact face that failed
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,19 @@ class Attempt:
     points: Array  # (n, 3): a sample of the scan to judge by; none: the distance is not judged
     options: Options = field(default_factory=Options)
     surface: Array = field(default_factory=nowhere)  # (m, 3): scan and proxy, near which the solid must be
+    freeform: frozenset[int] = frozenset()  # primitives that stand in for an exact one that failed
+    facets: Mapping[int, Cloud] = field(default_factory=dict)  # regions to be made of facets that follow a cloud
+
+    def loosened(self) -> Attempt:
+        """The attempt with no surface under the regions that are to be facets."""
+        if not self.facets:
+            return self
+        number = len(self.fitted)
+        regions = tuple(
+            replace(region, primitive=number) if r in self.facets else region
+            for r, region in enumerate(self.topology.regions)
+        )
+        return replace(self, topology=replace(self.topology, regions=regions), fitted=(*self.fitted, loose_patch()))
 
 
 @dataclass(frozen=True)
@@ -84,6 +101,7 @@ class AssemblyResult:
     faces: tuple[FaceReport, ...]  # in the order of the solid's faces
     gate: GateResult
     variant: str  # of the repair; "facets" for a faceted solid
+    blamed: tuple[int, ...] = ()  # regions whose faces kept it from passing the gate, as far as that is known
 
     @property
     def exact(self) -> bool:
@@ -96,33 +114,38 @@ def assemble(attempt: Attempt) -> AssemblyResult:
 
     AssemblyError where a face is open or nothing can be built.
     """
+    attempt = attempt.loosened()
     topology, frame = attempt.topology, attempt.frame
     fitted = [widened(patch) for patch in attempt.fitted]
     draft = Draft(realise(topology, fitted), fitted)
-    layout = place(draft).in_world(frame)
-    hollow = cavities(layout, [region.area for region in topology.regions])
-    bodies = build_bodies(layout)
-    best: tuple[int, AssemblyResult] | None = None
+    layout = place(draft)
+    hollow = cavities(layout, [region.area for region in topology.regions], attempt.facets)
+    bodies = build_bodies(faceted(layout, attempt.facets).in_world(frame))
+    best: tuple[int, AssemblyResult, Joined, Checked] | None = None
     for variant in attempt.options.variants:
         repaired = [fix(body, frame.scale, variant) for body in bodies]
         faults = sum(fixed.faults for fixed in repaired)
         if best is not None and faults >= best[0] > 0:
             continue
         shapes = [BodyShape(f.solid, f.regions, hollow[k]) for f, k in zip(repaired, sorted(hollow))]
-        result = _judged(attempt, join(shapes), variant)
+        joined = join(shapes)
+        result, checked = _judged(attempt, joined, variant)
         if result.gate.passed:
             return result
         if best is None or faults < best[0]:
-            best = faults, result
+            best = faults, result, joined, checked
     if best is None:
         raise AssemblyError("no repair of the solid was asked for")
-    return best[1]
+    limits = attempt.options.limits
+    blamed = to_blame(best[2], best[3], topology, frame, limits)
+    blamed = tuple(r for r in blamed if r not in attempt.facets)
+    return replace(best[1], blamed=blamed or at_worst_edge(layout, topology, limits.tolerance))
 
 
-def _judged(attempt: Attempt, joined: Joined, variant: Variant) -> AssemblyResult:
+def _judged(attempt: Attempt, joined: Joined, variant: Variant) -> tuple[AssemblyResult, Checked]:
     """The gate's verdict on one repair."""
     topology, frame = attempt.topology, attempt.frame
-    primitive_of = [region.primitive for region in topology.regions]
+    primitive_of = [-1 if r in attempt.facets else region.primitive for r, region in enumerate(topology.regions)]
     numbers = [primitive_of[r] if r >= 0 else -1 for r in joined.regions]
     world: list[Primitive | None] = [
         attempt.fitted[k].primitive.scaled(frame.scale, frame.origin) if k >= 0 else None for k in numbers
@@ -131,9 +154,11 @@ def _judged(attempt: Attempt, joined: Joined, variant: Variant) -> AssemblyResul
     expected = Expected(
         joined.solids, volume, _judges(attempt.points, frame), frame.to_world(attempt.surface), frame.scale
     )
-    checked = check(joined.shape, world, expected, attempt.options.limits)
+    limits = attempt.options.limits
+    checked = check(joined.shape, world, expected, limits)
     reports = _reports(joined, numbers, world, checked)
-    return AssemblyResult(to_bytes(joined.shape), reports, checked.result, variant)
+    reports = tuple(replace(f, rung="freeform") if f.primitive in attempt.freeform else f for f in reports)
+    return AssemblyResult(to_bytes(joined.shape), reports, checked.result, variant), checked
 
 
 def assemble_faceted(attempt: FacetedAttempt) -> AssemblyResult:
@@ -178,3 +203,21 @@ def _rung(primitive: Primitive | None) -> Rung:
     if primitive is None:
         return "facets"
     return "bspline" if primitive.kind == "bspline" else "exact"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of an attempt, and who is to blame if it was not good enough."""
+
+    result: AssemblyResult | None
+    reason: str  # empty when it passed the gate
+    blamed: tuple[int, ...]  # regions; none: nobody knows
+
+
+def judge(attempt: Attempt) -> Verdict:
+    """`assemble`, with the faces to blame where it fails."""
+    try:
+        result = assemble(attempt)
+    except OpenFace as error:
+        return Verdict(None, str(error), (error.region,))
+    return Verdict(result, result.gate.reason, result.blamed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from sed2cad.brep.kernel import compound, faces, shells, solids, vertices, volume
 from sed2cad.geometry.layout import Layout, LayoutFace
+from sed2cad.geometry.polygons import Cloud
 
 
 @dataclass(frozen=True)
@@ -33,23 +34,25 @@ class Joined:
     solids: int  # how many there should be
 
 
-def cavities(layout: Layout, areas: Sequence[float]) -> dict[int, bool]:
+def cavities(layout: Layout, areas: Sequence[float], clouds: Mapping[int, Cloud]) -> dict[int, bool]:
     """For each body whether it is a cavity: its volume, from points and normals of its faces, is negative.
 
-    `areas` are those of the regions.
+    `areas` are those of the regions; faces without a surface have a cloud, by region.
     """
     volumes: dict[int, float] = {}
     for body in sorted({face.body for face in layout.faces}):
         own = [face for face in layout.faces if face.body == body]
         centre = np.vstack([face.points for face in own]).mean(axis=0)
-        volumes[body] = sum(_flux(face, centre) * areas[face.region] for face in own)
+        volumes[body] = sum(_flux(face, centre, clouds) * areas[face.region] for face in own)
     return {body: flux < 0 for body, flux in volumes.items()}
 
 
-def _flux(face: LayoutFace, centre: np.ndarray) -> float:
+def _flux(face: LayoutFace, centre: np.ndarray, clouds: Mapping[int, Cloud]) -> float:
     """Mean of (p - centre) . outward normal over a face."""
-    normals = face.sign * face.primitive.normal(face.points)
-    return float(np.einsum("ij,ij->i", face.points - centre, normals).mean())
+    points, normals = face.points, face.sign * face.primitive.normal(face.points)
+    if face.region in clouds:
+        points, normals = clouds[face.region].points, clouds[face.region].normals
+    return float(np.einsum("ij,ij->i", points - centre, normals).mean())
 
 
 def join(bodies: Sequence[BodyShape]) -> Joined:

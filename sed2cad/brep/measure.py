@@ -16,6 +16,7 @@ from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 from scipy.spatial import cKDTree
 
 from sed2cad.brep.kernel import Array, faces
+from sed2cad.geometry.triangles import point_triangle
 from sed2cad.primitives.base import Primitive
 
 _ANGLE = 0.3  # radians between neighbouring triangles
@@ -48,7 +49,7 @@ class Deviations:
 
     def stray(self, surface: Array) -> float:
         """Largest distance of the solid from the nearest of the points (m, 3), but for its farthest 0.1 %."""
-        distances, _ = cKDTree(surface).query(spread_over(self.mesh, _SPREAD))
+        distances, _ = cKDTree(surface).query(spread_over(self.mesh, _SPREAD)[0])
         return float(np.quantile(distances, 0.999))
 
     @property
@@ -120,15 +121,15 @@ def deviations(
     return Deviations(distances, owner, mesh)
 
 
-def spread_over(mesh: Triangles, count: int) -> Array:
-    """Points (count, 3) spread evenly over the triangles, always the same ones."""
+def spread_over(mesh: Triangles, count: int) -> tuple[Array, NDArray[np.int64]]:
+    """Points (count, 3) spread evenly over the triangles, always the same ones, and the triangle of each."""
     rng = np.random.default_rng(0)
     a, b, c = mesh.corners()
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     pick = rng.choice(len(area), count, p=area / area.sum())
     u, v = rng.random((2, count, 1))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    return np.asarray(a[pick] + u * (b - a)[pick] + v * (c - a)[pick])
+    return a[pick] + u * (b - a)[pick] + v * (c - a)[pick], pick
 
 
 def nearest_triangles(points: Array, mesh: Triangles) -> tuple[Array, NDArray[np.int64]]:
@@ -168,25 +169,3 @@ def _near_pairs(
         at = np.repeat(part, [len(near) for near in found])
         if len(at):
             yield at, chosen[np.concatenate([np.asarray(near, np.int64) for near in found])]
-
-
-def point_triangle(p: Array, a: Array, b: Array, c: Array) -> Array:
-    """Distances between points and triangles, arrays that broadcast to (..., 3)."""
-
-    def dot(x: Array, y: Array) -> Array:
-        return np.einsum("...i,...i->...", x, y)
-
-    def to_segment(start: Array, end: Array) -> Array:
-        way = end - start
-        t = np.clip(dot(p - start, way) / np.maximum(dot(way, way), 1e-300), 0, 1)
-        return np.asarray(np.linalg.norm(p - start - t[..., None] * way, axis=-1))
-
-    ab, ac, ap = b - a, c - a, p - a
-    aa, ac_ab, cc = dot(ab, ab), dot(ab, ac), dot(ac, ac)
-    pb, pc = dot(ap, ab), dot(ap, ac)
-    determinant = np.maximum(aa * cc - ac_ab * ac_ab, 1e-300)
-    v, w = (cc * pb - ac_ab * pc) / determinant, (aa * pc - ac_ab * pb) / determinant
-    on_plane = np.linalg.norm(ap - v[..., None] * ab - w[..., None] * ac, axis=-1)
-    inside = (v >= 0) & (w >= 0) & (v + w <= 1)
-    at_border = np.minimum(np.minimum(to_segment(a, b), to_segment(b, c)), to_segment(c, a))
-    return np.where(inside, on_plane, at_border)

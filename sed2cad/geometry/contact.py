@@ -38,6 +38,11 @@ class Side:
         """Whether this is a free-form surface, which has no curvature to rely on."""
         return self.primitive.kind == "bspline"
 
+    @property
+    def loose(self) -> bool:
+        """Whether there is no surface on this side, because its face is being replaced."""
+        return self.primitive.kind == "loose"
+
     def outward(self, points: Array) -> Array:
         """Outward unit normals (n, 3) at points (n, 3)."""
         return self.sign * self.primitive.normal(points)

@@ -27,6 +27,8 @@ def meeting(a: Side, b: Side, points: Array) -> Meeting:
     Tangent surfaces meet where their normals agree; a plane that cuts a shallow slice off a cylinder does
     not.
     """
+    if a.loose or b.loose:
+        return "resting"
     if not touches(a, b, points):
         return "crossing"
     if a.primitive is b.primitive or a.free or b.free:

@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 from sed2cad.errors import AssemblyError
 from sed2cad.geometry.curves import TURN, Array, Curve
 from sed2cad.geometry.layout import Draft, Layout, Placement, Pole
+from sed2cad.geometry.loose import Loose
 from sed2cad.geometry.poles import sphere_pole
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
@@ -28,6 +29,14 @@ from sed2cad.primitives.vectors import about_axis, tangent_frame
 _HIT = 1e-7  # radians: a vertex this near to the seam is on it
 _MISS = 0.03  # radians: a vertex that is not on the seam keeps this far from it
 _TRIED = 36  # seam directions tried beside those of vertices
+
+
+class OpenFace(AssemblyError):
+    """A face that winds around its axis and does not come back."""
+
+    def __init__(self, region: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.region = region
 
 
 def place(draft: Draft) -> Layout:
@@ -95,6 +104,8 @@ def _flat(draft: Draft, region: int) -> Placement:
     primitive = draft.primitive(region)
     if isinstance(primitive, BSplineSurface):
         return Placement(primitive.origin, primitive.frame[2], primitive.frame[0])
+    if isinstance(primitive, Loose):
+        return Placement(centre, np.eye(3)[2], np.eye(3)[0])
     assert isinstance(primitive, Plane)
     normal = primitive.normal_vector
     return Placement(primitive.project(centre[None])[0], normal, tangent_frame(normal)[0])
@@ -133,7 +144,7 @@ def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) ->
     primitive = draft.primitive(region)
     up = sum(turns) * draft.fitted[draft.topology.regions[region].primitive].sign > 0
     if not (isinstance(primitive, Sphere) or (isinstance(primitive, Cone) and not up)):
-        raise AssemblyError(f"a {primitive.kind} face is open on one side: the face that closes it is missing")
+        raise OpenFace(region, f"a {primitive.kind} face is open on one side: the face that closes it is missing")
     rings = [k for k, turn in enumerate(turns) if turn]
     if len(rings) > 1:
         return None

@@ -25,6 +25,8 @@ def summarise(
     warnings = list(notes)
     if assembly.rung == FACETS:
         warnings.append("the solid is made of facets: no exact one passed the checks")
+    else:
+        warnings += _replaced(assembly)
     if not gate.passed:
         warnings.append(f"the solid did not pass all checks: {gate.reason}")
     freeform = sum(face.rung == "bspline" for face in faces)
@@ -43,6 +45,19 @@ def summarise(
         seconds=seconds,
         warnings=tuple(warnings),
     )
+
+
+def _replaced(assembly: Assembly) -> list[str]:
+    """What stands in for faces that could not be exact."""
+    smooth = {face.region for face in assembly.solid.faces if face.rung == "freeform"}
+    cut = {face.region for face in assembly.solid.faces if face.rung == "facets"}
+    whole = len({face.region for face in assembly.solid.faces})
+    said = []
+    if smooth:
+        said.append(f"{len(smooth)} of {whole} faces could not be exact and are freeform instead")
+    if cut:
+        said.append(f"{len(cut)} of {whole} faces could not be exact and are made of facets")
+    return said
 
 
 def _describe(constraint: Constraint, names: tuple[str, ...], scale: float) -> str:

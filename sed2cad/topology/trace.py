@@ -17,7 +17,7 @@ from sed2cad.topology.labelling import Adjacency, adjacency, data_costs, label_t
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import proxy_mesh
-from sed2cad.topology.regions import cleaned_labels, connected, support_of
+from sed2cad.topology.regions import cleaned_labels, connected, support_of, unpinch
 from sed2cad.topology.samples import settled_labels
 
 _MOST_CAPS = 8
@@ -49,6 +49,12 @@ def trace(
     labels = label_triangles(mesh, near, costs, smoothness)
     labels = cleaned_labels(mesh, near, costs, labels, support_of(mesh, scan, points))
     return _with_caps(scan, list(fitted), mesh, near, labels)
+
+
+def retraced(scan: Scan, mesh: Mesh, fitted: Sequence[FittedPatch], labels: Labels) -> Traced:
+    """The topology of changed labels (f,) of a proxy's triangles."""
+    costs = np.column_stack([np.abs(patch.primitive.distance(mesh.centroids())) for patch in fitted])
+    return _with_caps(scan, list(fitted), mesh, adjacency(mesh), unpinch(mesh, costs, labels))
 
 
 def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels) -> Traced:

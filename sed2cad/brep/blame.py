@@ -1,0 +1,92 @@
+"""Which faces keep a solid from passing the gate."""
+
+from __future__ import annotations
+
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.BRepCheck import BRepCheck_Analyzer
+from scipy.spatial import cKDTree
+
+from sed2cad.brep.bodies import Joined
+from sed2cad.brep.gate import Checked, Limits
+from sed2cad.brep.kernel import edges, faces, vertices
+from sed2cad.brep.measure import Deviations, Triangles, nearest_triangles, spread_over
+from sed2cad.geometry.facets import is_loose
+from sed2cad.geometry.layout import Layout
+from sed2cad.scan.scan import Frame
+from sed2cad.topology.model import Topology
+
+_SAMPLES = 20_000  # points on the solid
+_MISSING = 0.1  # share of a region's points that its face may miss
+_OFF = 0.3  # of the largest tolerance: edges this far from their surfaces may be the cause of it all
+_BEYOND = 0.1  # share of a face that may lie off its region
+
+
+def to_blame(
+    joined: Joined, checked: Checked, topology: Topology, frame: Frame, limits: Limits
+) -> tuple[int, ...]:
+    """The regions whose faces are lost, invalid, off the scan or too far from their edges; () where none stands out."""
+    lost = set(range(len(topology.regions))) - set(joined.regions)
+    found = checked.result
+    if not (found.closed and found.valid) or lost:
+        return tuple(sorted(lost | _invalid(joined)))
+    if checked.deviations is not None:
+        astray = _astray(joined, checked.deviations, topology, frame, limits)
+        if astray:
+            return tuple(sorted(astray))
+    return _off_edges(joined, topology, limits.tolerance * frame.scale)
+
+
+def _invalid(joined: Joined) -> set[int]:
+    """Regions of faces that the kernel rejects."""
+    check = BRepCheck_Analyzer(joined.shape)
+    wrong = (r for face, r in zip(faces(joined.shape), joined.regions) if not check.IsValid(face))
+    return {r for r in wrong if r >= 0}
+
+
+def _astray(
+    joined: Joined, deviations: Deviations, topology: Topology, frame: Frame, limits: Limits
+) -> set[int]:
+    """Regions whose face leaves some of their points alone, or reaches beyond them."""
+    mesh, reach = deviations.mesh, limits.distance * frame.scale
+    spread, owner = spread_over(mesh, _SAMPLES)
+    region_of = np.array(joined.regions)
+    found = set()
+    for r, region in enumerate(topology.regions):
+        own = np.flatnonzero(np.isin(mesh.owner, np.flatnonzero(region_of == r)))
+        if len(own) == 0 or len(region.points) == 0:
+            continue
+        points = frame.to_world(region.points)
+        off, _ = nearest_triangles(points, Triangles(mesh.vertices, mesh.triangles[own], mesh.owner[own]))
+        width = 1.5 * np.sqrt(region.area / len(points)) * frame.scale
+        beyond, _ = cKDTree(points).query(spread[np.isin(owner, own)].reshape(-1, 3))
+        if (off > reach).mean() > _MISSING or (beyond > reach + width).mean() > _BEYOND:
+            found.add(r)
+    return found
+
+
+def _off_edges(joined: Joined, topology: Topology, limit: float) -> tuple[int, ...]:
+    """The smallest of the exact regions at edges and vertices that are too far from their faces."""
+    wide = set()
+    cut = {r for r in joined.regions if joined.regions.count(r) > 1}
+    for face, region in zip(faces(joined.shape), joined.regions):
+        reach = [BRep_Tool.Tolerance_s(e) for e in edges(face)] + [BRep_Tool.Tolerance_s(v) for v in vertices(face)]
+        if region >= 0 and region not in cut and max(reach, default=0.0) > limit:
+            wide.add(region)
+    return tuple(sorted(wide, key=lambda r: topology.regions[r].area)[:1])
+
+
+def at_worst_edge(layout: Layout, topology: Topology, limit: float) -> tuple[int, ...]:
+    """The smaller region at the edge that is farthest from its surfaces, where that is far (unit frame)."""
+    beside: dict[int, set[int]] = {}
+    for face in layout.faces:
+        for loop in face.loops:
+            for edge, _ in loop:
+                if not is_loose(face):
+                    beside.setdefault(edge, set()).add(face.region)
+    if not beside:
+        return ()
+    worst = max(beside, key=lambda e: layout.edges[e].residual)
+    if layout.edges[worst].residual < _OFF * limit:
+        return ()
+    return (min(beside[worst], key=lambda r: topology.regions[r].area),)

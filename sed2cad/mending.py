@@ -1,0 +1,148 @@
+"""The rung between exact and faceted: only the faces to blame are replaced, the rest stays exact.
+
+A face to blame first gets a freeform surface through its region of the proxy mesh; is it blamed again, it becomes
+triangles on the edges of its neighbours.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sed2cad.brep.attempt import AssemblyResult, Attempt, Verdict, judge
+from sed2cad.brep.worker import Failure
+from sed2cad.geometry.polygons import Cloud
+from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.scan.scan import Scan
+from sed2cad.topology.remedies import remedied
+from sed2cad.topology.trace import Traced
+
+Run = Callable[[Callable[[Attempt], Verdict], Attempt, float], Verdict | Failure]
+
+_MOST_ROUNDS = 24
+_TINY = 2e-3  # of the unit area: smaller faces become facets at once
+_CLOUD = 3000  # points of a face that its facets follow
+_LARGEST = 0.8  # share of the surface: when more is to be replaced, the solid is not worth mending
+_CLOSE = 3e-3  # unit frame: rms of a freeform face from its region of the proxy mesh
+_FARTHEST = 0.01  # its largest distance
+
+
+@dataclass
+class Mending:
+    """The faces replaced so far."""
+
+    base: Attempt
+    traced: Traced
+    freeform: dict[int, FittedPatch] = field(default_factory=dict)  # by region
+    facets: set[int] = field(default_factory=set)
+
+    def attempt(self) -> Attempt:
+        """The attempt with these faces replaced."""
+        regions, fitted = list(self.base.topology.regions), list(self.base.fitted)
+        smooth = {r: patch for r, patch in self.freeform.items() if r not in self.facets}
+        for r, patch in smooth.items():
+            regions[r] = replace(regions[r], primitive=len(fitted))
+            fitted.append(patch)
+        return replace(
+            self.base,
+            topology=replace(self.base.topology, regions=tuple(regions)),
+            fitted=tuple(fitted),
+            freeform=frozenset(range(len(self.base.fitted), len(fitted))),
+            facets={r: self.cloud(r) for r in sorted(self.facets)},
+        )
+
+    def cloud(self, region: int) -> Cloud:
+        """The region's triangles of the proxy mesh as points with normals."""
+        mesh = self.traced.proxy
+        own = np.flatnonzero(self.traced.labels == region)
+        own = own[np.linspace(0, len(own) - 1, min(len(own), _CLOUD)).astype(np.int64)]
+        return Cloud(mesh.centroids()[own], mesh.face_normals()[0][own])
+
+    def replace(self, region: int) -> None:
+        """Take the next kind of face for a region."""
+        patch = None if region in self.freeform else self._smooth(region)
+        if patch is None:
+            self.facets.add(region)
+        else:
+            self.freeform[region] = patch
+
+    def _smooth(self, region: int) -> FittedPatch | None:
+        """A freeform surface through a region, where one comes near enough."""
+        if self.base.topology.regions[region].area < _TINY:
+            return None
+        cloud = self.cloud(region)
+        surface = fit_bspline(cloud.points, cloud.normals, 5e-4)
+        if surface is None:
+            return None
+        off = np.abs(surface.distance(cloud.points))
+        rms = float(np.sqrt(np.mean(off**2)))
+        if rms > _CLOSE or off.max() > _FARTHEST:
+            return None
+        nothing = Patch(np.zeros(0, np.int64), "bspline", np.zeros(0, bool))
+        return FittedPatch(nothing, surface, surface.side(cloud.points, cloud.normals), rms, np.zeros((0, 0)))
+
+    def replace_all(self, blamed: Sequence[int]) -> bool:
+        """Replace the faces to blame; whether there were any and the solid is still worth mending."""
+        left = [region for region in blamed if region not in self.facets]
+        for region in left:
+            self.replace(region)
+        return bool(left) and self.share() < _LARGEST
+
+    def retraced(self, traced: Traced) -> Mending:
+        """The same on other regions, with nothing replaced yet."""
+        base = replace(self.base, topology=traced.topology, fitted=tuple(traced.fitted))
+        return Mending(base, traced)
+
+    def misfits(self) -> tuple[int, ...]:
+        """Regions whose surface does not even explain their triangles."""
+        found = []
+        for r, region in enumerate(self.base.topology.regions):
+            surface = self.base.fitted[region.primitive].primitive
+            off = np.abs(surface.distance(region.points))
+            if r not in self.freeform and r not in self.facets and np.median(off) > _FARTHEST:
+                found.append(r)
+        return tuple(found)
+
+    def share(self) -> float:
+        """The share of the surface that is replaced."""
+        areas = np.array([region.area for region in self.base.topology.regions])
+        return float(areas[sorted(self.facets | set(self.freeform))].sum() / areas.sum())
+
+
+@dataclass(frozen=True)
+class Mended:
+    """A solid some of whose faces were replaced, and the attempt that made it."""
+
+    result: AssemblyResult
+    attempt: Attempt
+
+
+def mend(
+    scan: Scan, base: Attempt, traced: Traced, run: Run, seconds: float, say: Callable[[str], None]
+) -> tuple[Mended | None, str]:
+    """The solid with the faces to blame replaced, or why that does not pass the gate either."""
+    mending, looked, reason = Mending(base, traced), False, "no time was left"
+    end = time.perf_counter() + seconds
+    for _ in range(_MOST_ROUNDS):
+        attempt, left = mending.attempt(), end - time.perf_counter()
+        if left <= 1:
+            break
+        verdict = run(judge, attempt, left)
+        if isinstance(verdict, Failure):
+            return None, verdict.sentence
+        reason = verdict.reason
+        say(f"{len(attempt.freeform)} freeform, {len(attempt.facets)} faceted: {reason or 'closed'} {verdict.blamed}")
+        if verdict.result is not None and not reason:
+            return Mended(verdict.result, attempt), ""
+        again = None if looked else remedied(scan, traced, base.fitted, verdict.blamed)
+        looked = True
+        if again is not None:
+            mending = mending.retraced(again)
+            continue
+        if not mending.replace_all(mending.misfits() or verdict.blamed):
+            break
+    return None, reason
