@@ -20,7 +20,7 @@ class Settings:
     device: str = "auto"  # where the network runs: "auto", "cpu", "cuda"
     unit: str = "mm"  # of the scan's coordinates: "mm", "cm", "m", "in"
     exact_seconds: float = 75.0  # after which no further attempt at an exact solid is begun
-    solid_seconds: float = 140.0  # after which no face is replaced any more and the solid is made of facets
+    solid_seconds: float = 110.0  # after which no face is replaced any more and the solid is made of facets
     attempt_seconds: float = 60.0  # for one attempt to build the solid; the CAD kernel hangs now and then
 
     def __post_init__(self) -> None:
