@@ -11,6 +11,7 @@ from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.bspline_fit import fit_bspline
 from sed2cad.primitives.refine import refine
 from sed2cad.primitives.registry import primitive_class
+from sed2cad.primitives.robust_fit import thinned
 from sed2cad.primitives.starts import starts
 from sed2cad.segmentation.energy import Tolerances, data_cost
 
@@ -38,7 +39,7 @@ def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: floa
     kinds leave much and the points are likely to be `freeform` (probability).
     """
     count = len(points)
-    points, normals = _thinned(points, normals)
+    points, normals = thinned(points, normals, MOST_POINTS)
     best: Choice | None = None
     least = np.inf
     for kind in SIMPLE_FIRST:
@@ -63,20 +64,13 @@ def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: floa
 
 def plausible(points: Array, normals: Array, tolerances: Tolerances) -> list[str]:
     """The kinds that come near points (n, 3) and their normals: worth a careful fit."""
-    points, normals = _thinned(points, normals)
+    points, normals = thinned(points, normals, MOST_POINTS)
     near = []
     for kind in SIMPLE_FIRST:
         found = _fit(kind, points, normals, tolerances) if primitive_class(kind).freedom < len(points) else None
         if found is not None and found.cost < NEAR * len(points):
             near.append(kind)
     return near
-
-
-def _thinned(points: Array, normals: Array) -> tuple[Array, Array]:
-    if len(points) <= MOST_POINTS:
-        return points, normals
-    chosen = np.linspace(0, len(points) - 1, MOST_POINTS).astype(np.int64)
-    return points[chosen], normals[chosen]
 
 
 def _fit(kind: str, points: Array, normals: Array, tolerances: Tolerances) -> Choice | None:

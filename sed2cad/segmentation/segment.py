@@ -59,10 +59,9 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0) -> list[Patch
     state = refiner.run(_proposals(level.graph, labels, seed))
     if len(scan.points) > len(level.rows):
         fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
-        start = spread(level, state.labels, fine.points, fine.normals)
-        likely = freeform[spread(level, np.arange(len(level.rows)), fine.points, fine.normals)]
-        refiner = Refiner(fine.points, fine.normals, fine.graph, tolerances, likely)
-        state, level = refiner.improve(State(start, state.primitives), FINE_ROUNDS), fine
+        nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
+        refiner = Refiner(fine.points, fine.normals, fine.graph, tolerances, freeform[nearest])
+        state, level = refiner.improve(State(state.labels[nearest], state.primitives), FINE_ROUNDS), fine
     kinds = settle(level.points, level.normals, level.graph, state, tolerances, scan.noise)
     everyone = spread(level, state.labels, scan.points, scan.normals)
     edge = labels.edge[labels.nearest] > EDGE if labels is not None else np.zeros(len(scan.points), bool)
