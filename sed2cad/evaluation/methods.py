@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from sed2cad.components import components
 from sed2cad.network.predict import PointLabels
 from sed2cad.network.types import PATCH_TYPES
 from sed2cad.primitives.base import Patch
@@ -89,8 +88,7 @@ def grow_regions(points: Array, normals: Array, degrees: float = GROWING_ANGLE) 
     near = _neighbours(points)
     i, j = np.repeat(np.arange(len(points)), near.shape[1]), near.ravel()
     agree = np.einsum("ij,ij->i", normals[i], normals[j]) > np.cos(np.radians(degrees))
-    links = coo_matrix((np.ones(agree.sum(), bool), (i[agree], j[agree])), (len(points),) * 2)
-    return absorb_small(connected_components(links, directed=False)[1].astype(np.int64), near)
+    return absorb_small(components(len(points), np.column_stack([i, j])[agree])[1], near)
 
 
 def labels_of(patches: list[Patch], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -128,8 +128,7 @@ def misfits(primitives: Sequence[Primitive], points: Array, normals: Array, nois
     count less. Deviations of normals are measured as 2 (1 - cos), which is the angle squared.
     """
     distances = np.stack([primitive.distance(points) for primitive in primitives])
-    cosines = np.stack([np.einsum("ij,ij->i", primitive.normal(points), normals) for primitive in primitives])
-    angles = 2 - 2 * cosines * np.where(cosines.sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    angles = np.stack([_angles(primitive, points, normals) for primitive in primitives])
     sigma = max(noise, 1.4826 * min(median_size(row) for row in distances), 1e-9)
     spread = max(1.4826**2 * min(median_size(row) for row in angles), _NORMAL_NOISE**2)
     by_distance = np.minimum((distances / sigma) ** 2, _OUTLIER).sum(axis=1)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+
+from sed2cad.components import components
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -40,9 +41,7 @@ class Graph:
 
     def components(self, joined: NDArray[np.bool_]) -> Labels:
         """Connected components (n,) over the pairs that `joined` (m,) keeps."""
-        i, j = self.pairs[joined].T
-        links = coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(self.size, self.size))
-        return connected_components(links, directed=False)[1].astype(np.int64)
+        return components(self.size, self.pairs[joined])[1]
 
 
 def neighbour_graph(

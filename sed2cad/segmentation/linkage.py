@@ -6,9 +6,8 @@ import heapq
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from sed2cad.components import components
 from sed2cad.network.predict import PointLabels
 
 MARGIN = 0.3  # distance of two descriptors that speaks neither for nor against one patch
@@ -36,11 +35,9 @@ def average_linkage(evidence: NDArray[np.float64], neighbours: NDArray[np.int64]
     n, k = neighbours.shape
     i, j, e = np.repeat(np.arange(n), k), neighbours.ravel(), evidence.ravel()
     sure = e > MOST - 1
-    links = coo_matrix((np.ones(sure.sum(), np.int8), (i[sure], j[sure])), shape=(n, n))
-    first = connected_components(links, directed=False)[1]
+    count, first = components(n, np.column_stack([i, j])[sure])
     a, b = first[i], first[j]
     low, high = np.minimum(a, b)[a != b], np.maximum(a, b)[a != b]
-    count = int(first.max()) + 1
     pairs, inverse, number = np.unique(low.astype(np.int64) * count + high, return_inverse=True, return_counts=True)
     total = np.bincount(inverse, e[a != b])
     joined = _merge(count, (pairs // count).tolist(), (pairs % count).tolist(), total.tolist(), number.tolist())

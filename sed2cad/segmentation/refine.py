@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from sed2cad.components import components
 from sed2cad.segmentation.choose import Choice, choose
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances, data_cost, mean_field, reach
 from sed2cad.segmentation.graph import Graph
@@ -137,9 +137,7 @@ class Refiner:
             pairs.append(members[cKDTree(self.points[members]).query_pairs(reach, output_type="ndarray")])
         if not pairs:
             return pieces
-        i, j = pieces[np.concatenate(pairs)].T
-        links = coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(pieces.max() + 1,) * 2)
-        return connected_components(links, directed=False)[1][pieces].astype(np.int64)
+        return components(int(pieces.max()) + 1, pieces[np.concatenate(pairs)])[1][pieces]
 
     def refit(self, state: State) -> State:
         """Every patch chooses its kind again and fits it."""

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
+from sed2cad.components import components
 from sed2cad.scan.scan import Array, Mesh
-from sed2cad.topology.manifold import Faces, Index, euler_number, groups, split_fans, twins
+from sed2cad.topology.manifold import Faces, Index, euler_number, split_fans, twins
 from sed2cad.topology.mincut import min_cut
 from sed2cad.topology.samples import Mask, Samples
 
@@ -115,7 +116,7 @@ def without_islands(inside: Mask, tetrahedra: Tetrahedra, least: float) -> Mask:
         first, across = np.nonzero(tetrahedra.neighbours > np.arange(len(inside))[:, None])
         second = tetrahedra.neighbours[first, across]
         same = inside[first] == inside[second]
-        number, part = groups(len(inside), np.column_stack([first, second])[same])
+        number, part = components(len(inside), np.column_stack([first, second])[same])
         small = np.bincount(part, volumes, minlength=number) < least
         if not small.any():
             break

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from sed2cad.components import components
 from sed2cad.scan.scan import Array, Mesh
 
 Faces = NDArray[np.int64]
@@ -40,14 +39,6 @@ def twins(faces: Faces) -> Index:
     return np.where(once & single, found, -1)
 
 
-def groups(count: int, pairs: Index) -> tuple[int, Index]:
-    """Connected components of `count` nodes under pairs (m, 2): how many, and which (count,) each is in."""
-    ones = np.ones(len(pairs), dtype=np.int8)
-    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    number, component = connected_components(graph, directed=False)
-    return int(number), component.astype(np.int64)
-
-
 def is_closed_manifold(faces: Faces) -> bool:
     """Whether every edge has two triangles, consistently oriented, and every vertex one fan."""
     twin = twins(faces)
@@ -57,7 +48,7 @@ def is_closed_manifold(faces: Faces) -> bool:
 def _fans(faces: Faces, twin: Index) -> tuple[int, Index]:
     """Corners of triangles grouped into fans around a vertex: how many, and the fan (3 f,) of each corner."""
     corner = np.arange(3 * len(faces))
-    return groups(len(corner), np.column_stack([corner, following(twin)]))
+    return components(len(corner), np.column_stack([corner, following(twin)]))
 
 
 def split_fans(vertices: Array, faces: Faces, twin: Index) -> Mesh:
@@ -119,7 +110,7 @@ def bodies(faces: Faces) -> tuple[int, Index]:
     """Connected components of triangles, across shared vertices: how many, and the component (f,) of each."""
     if len(faces) == 0:
         return 0, np.zeros(0, dtype=np.int64)
-    _, component = groups(int(faces.max()) + 1, np.vstack([faces[:, :2], faces[:, 1:]]))
+    _, component = components(int(faces.max()) + 1, np.vstack([faces[:, :2], faces[:, 1:]]))
     number, body = np.unique(component[faces[:, 0]], return_inverse=True)
     return len(number), body.astype(np.int64)
 

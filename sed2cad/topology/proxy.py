@@ -8,6 +8,7 @@ import numpy as np
 from gpytoolbox import point_cloud_to_mesh, squared_distance
 from scipy.spatial import cKDTree
 
+from sed2cad.components import components
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
@@ -15,7 +16,6 @@ from sed2cad.topology.carve import carved, fewest_handles
 from sed2cad.topology.edges import surface_samples
 from sed2cad.topology.manifold import (
     bodies,
-    groups,
     is_closed_manifold,
     split_edges,
     split_fans,
@@ -149,7 +149,7 @@ def closed_input(scan: Scan) -> Mesh | None:
 def welded(mesh: Mesh, distance: float = 1e-6) -> Mesh:
     """The mesh with vertices nearer than `distance` made one and collapsed triangles left out."""
     pairs = cKDTree(mesh.vertices).query_pairs(distance, output_type="ndarray")
-    number, group = groups(len(mesh.vertices), pairs)
+    number, group = components(len(mesh.vertices), pairs)
     vertices = np.zeros((number, 3))
     vertices[group] = mesh.vertices
     faces = group[mesh.faces]

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sed2cad.components import components
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.labelling import Adjacency
-from sed2cad.topology.manifold import following, groups, twins
+from sed2cad.topology.manifold import following, twins
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.samples import Mask
 
@@ -38,7 +39,7 @@ def support_of(mesh: Mesh, scan: Scan, labels: Labels) -> Support:
 def connected(labels: Labels, near: Adjacency) -> tuple[int, Labels]:
     """Connected regions of one label: how many, and the region (f,) of each triangle."""
     same = labels[near.pairs[:, 0]] == labels[near.pairs[:, 1]]
-    return groups(len(labels), near.pairs[same])
+    return components(len(labels), near.pairs[same])
 
 
 def cleaned_labels(mesh: Mesh, near: Adjacency, costs: Array, labels: Labels, support: Support) -> Labels:
@@ -107,7 +108,7 @@ def unpinch(mesh: Mesh, costs: Array, labels: Labels, passes: int = 20) -> Label
     for _ in range(passes):
         own = labels[corner // 3]
         same = own == own[turn]
-        number, sector = groups(len(corner), np.column_stack([corner, turn])[same])
+        number, sector = components(len(corner), np.column_stack([corner, turn])[same])
         vertex, name, size = np.zeros((3, number), dtype=np.int64)
         vertex[sector], name[sector] = mesh.faces.ravel(), own
         size = np.bincount(sector, minlength=number)

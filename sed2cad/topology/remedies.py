@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sed2cad.components import components
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.plane import Plane
 from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.topology.labelling import Adjacency, adjacency
-from sed2cad.topology.manifold import groups
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.trace import Traced, retraced
 
@@ -78,7 +78,7 @@ def _unexplained(
     seeds = (off > _ASTRAY) | ((cosine < _TURNED) & (off > _OFF))
     chosen = seeds | (cosine < _ACROSS)
     both = chosen[near.pairs].all(axis=1)
-    _, group = groups(len(labels), near.pairs[both])
+    _, group = components(len(labels), near.pairs[both])
     labels = labels.copy()
     for which in np.unique(group[seeds]):
         own = np.flatnonzero(group == which)

@@ -1,0 +1,16 @@
+"""Connected components of pairs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+
+def components(count: int, pairs: NDArray[np.int64]) -> tuple[int, NDArray[np.int64]]:
+    """Connected components of `count` nodes under pairs (m, 2): how many, and which (count,) each is in."""
+    ones = np.ones(len(pairs), dtype=np.int8)
+    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    number, component = connected_components(graph, directed=False)
+    return int(number), component.astype(np.int64)
