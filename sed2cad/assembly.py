@@ -146,7 +146,7 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Tria
     patches = list(traced.fitted)
     constraints: list[Constraint] = []
     if rung.regular:
-        patches, constraints = regularize(patches, scan.points, traced.topology)
+        patches, constraints = regularize(scan, patches, traced.topology)
     faces, edges = len(traced.topology.regions), len(traced.topology.chains)
     done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
     surface = np.vstack([scan.points, traced.proxy.vertices])

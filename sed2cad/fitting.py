@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.oriented_fit import directions, normal_noise, oriented_fit
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.refine import is_degenerate, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
@@ -42,19 +44,29 @@ class FittedPrimitive:
     cost: float  # -2 log posterior up to a constant; comparable for the same points only
 
 
-def fit(kind: str, points: Array, normals: Array, noise: float) -> tuple[Primitive, float, Array] | None:
+def fit(
+    kind: str, points: Array, normals: Array, noise: float, angle: float = math.inf
+) -> tuple[Primitive, float, Array] | None:
     """Robust least squares on orthogonal distances: primitive, rms, covariance (freedom, freedom).
 
-    points and unit normals (n, 3), noise in their unit (0 when unknown). None where the points do not
-    determine such a primitive.
+    points and unit normals (n, 3), noise in their unit (0 when unknown). Where the deviation of the normals is known
+    (`angle`, radians), their angles count too. None where all this does not determine such a primitive.
     """
-    if len(points) < 3 or (kind == "bspline" and len(points) < 6):
+    known = 3 if math.isfinite(angle) else 1  # numbers that a point tells
+    if known * len(points) < 3 or (kind == "bspline" and len(points) < 6):
         return None
     if kind == "bspline":
         surface = fit_bspline(*thinned(points, normals, _MOST_SPLINE_POINTS), noise)
         return None if surface is None else _measured(surface, points, points, noise)
-    found = robust_fit(kind, points, normals, noise)
-    return None if found is None else _measured(found[0], points, found[1], noise)
+    found = robust_fit(kind, points, normals, noise) if len(points) >= 3 else None
+    oriented = oriented_fit(kind, found and found[0], points, normals, noise, angle)
+    if oriented is None:
+        return None
+    if found is not None and oriented is found[0]:
+        return _measured(oriented, points, found[1], noise)
+    told = uncertainty(oriented, points, noise, directions(oriented, points, normals, noise, angle))
+    covariance = told.covariance * max(noise / told.sigma, 1.0) ** 2  # so few points tell little of the noise
+    return oriented, root_mean_square(oriented.distance(points)), covariance
 
 
 def select(
@@ -100,7 +112,16 @@ def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
 
     Where the patch's kind cannot be fitted, another one is chosen; at worst a plane.
     """
-    return [_fit_patch(scan, patch) for patch in patches]
+    fitted = [_fit_patch(scan, patch, math.inf) for patch in patches]
+    angle = angle_noise(scan, fitted)
+    return [_fit_patch(scan, patch, angle) for patch in patches]
+
+
+def angle_noise(scan: Scan, fitted: Sequence[FittedPatch]) -> float:
+    """Deviation of the scan's normals, radians; infinite where no patch tells it."""
+    sure = [(patch.primitive, used_points(patch.patch)) for patch in fitted]
+    primitives, used = [primitive for primitive, _ in sure], [indices for _, indices in sure]
+    return normal_noise(primitives, [scan.points[own] for own in used], [scan.normals[own] for own in used])
 
 
 def used_points(patch: Patch) -> NDArray[np.int64]:
@@ -110,9 +131,9 @@ def used_points(patch: Patch) -> NDArray[np.int64]:
     return patch.indices[patch.interior] if kind != "bspline" and patch.interior.sum() >= enough else patch.indices
 
 
-def _fit_patch(scan: Scan, patch: Patch) -> FittedPatch:
+def _fit_patch(scan: Scan, patch: Patch, angle: float) -> FittedPatch:
     points, normals = scan.points[used_points(patch)], scan.normals[used_points(patch)]
-    found = fit(patch.kind, points, normals, scan.noise) if patch.kind in KINDS else None
+    found = fit(patch.kind, points, normals, scan.noise, angle) if patch.kind in KINDS else None
     if found is None:
         chosen = select(points, normals, scan.noise) if len(points) >= 3 else None
         found = (chosen.primitive, chosen.rms, chosen.covariance) if chosen else _any_plane(points, normals)

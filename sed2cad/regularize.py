@@ -6,14 +6,16 @@ Gauss-Newton, and those that contradict others or pull a primitive off its point
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sed2cad.fitting import root_mean_square, used_points
+from sed2cad.fitting import angle_noise, root_mean_square, used_points
 from sed2cad.primitives.base import Array, FittedPatch, Primitive
 from sed2cad.primitives.proposals import (
+    Piece,
     Pieces,
     piece,
     propose_coaxial,
@@ -22,9 +24,9 @@ from sed2cad.primitives.proposals import (
     propose_radii,
     propose_tangencies,
 )
-from sed2cad.primitives.refine import uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS
 from sed2cad.primitives.solve_relations import Relation, satisfy, tensions, violations
+from sed2cad.scan.scan import Scan
 from sed2cad.topology.model import Topology
 
 _TANGENT_ANGLE = np.radians(14.0)  # between the normals of two faces along their common boundary
@@ -44,19 +46,20 @@ class Constraint:
 
 
 def regularize(
-    fitted: Sequence[FittedPatch], points: Array, topology: Topology
+    scan: Scan, fitted: Sequence[FittedPatch], topology: Topology
 ) -> tuple[list[FittedPatch], list[Constraint]]:
     """The patches with primitives that obey the constraints to 1e-9, and the constraints.
 
-    points (n, 3) are those the patches index. Directions come first, so that axes and planes are compared
+    Directions come first, so that axes and planes are compared
     when they are parallel already; then everything together. B-splines stay as they are.
     """
     used = [used_points(patch.patch) for patch in fitted]
     noise = float(np.median([patch.rms for patch in fitted])) if fitted else 0.0
+    angle = angle_noise(scan, fitted)
     pieces = {
-        index: piece(patch.primitive, points[used[index]], noise)
-        for index, patch in enumerate(fitted)
-        if patch.primitive.kind in ANALYTIC_KINDS and len(used[index]) > patch.primitive.freedom
+        index: piece(patch.primitive, scan.points[own], scan.normals[own], noise, angle)
+        for index, (patch, own) in enumerate(zip(fitted, used))
+        if patch.primitive.kind in ANALYTIC_KINDS and _is_known(patch, len(own), angle)
     }
     aligned, directions = _settled(pieces, propose_directions(pieces))
     relations = [
@@ -71,7 +74,7 @@ def regularize(
     constraints = [Constraint(r.kind, r.a, r.b, float(size)) for r, size in zip(relations, before)]
     changed = {index for relation in relations for index in (relation.a, relation.b)}
     patches = [
-        _refitted(patch, settled[k].primitive, points[used[k]]) if k in changed else patch
+        _refitted(patch, settled[k], scan.points[used[k]]) if k in changed else patch
         for k, patch in enumerate(fitted)
     ]
     return patches, constraints
@@ -94,10 +97,16 @@ def _primitives(pieces: Pieces) -> dict[int, Primitive]:
     return {index: entry.primitive for index, entry in pieces.items()}
 
 
-def _refitted(patch: FittedPatch, primitive: Primitive, points: Array) -> FittedPatch:
-    covariance = uncertainty(primitive, points, 0.0).covariance
-    rms = root_mean_square(primitive.distance(points))
-    return replace(patch, primitive=primitive, rms=rms, covariance=covariance)
+def _refitted(patch: FittedPatch, settled: Piece, points: Array) -> FittedPatch:
+    rms = root_mean_square(settled.primitive.distance(points))
+    return replace(patch, primitive=settled.primitive, rms=rms, covariance=settled.covariance)
+
+
+def _is_known(patch: FittedPatch, points: int, angle: float) -> bool:
+    """Whether so many points tell the primitive: their normals count where these are known to be good for something."""
+    if not math.isfinite(angle):
+        return points > patch.primitive.freedom
+    return 3 * points >= patch.primitive.freedom and patch.patch.kind == patch.primitive.kind
 
 
 def _settled(pieces: Pieces, relations: list[Relation]) -> tuple[Pieces, list[Relation]]:

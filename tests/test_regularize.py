@@ -88,7 +88,7 @@ def regular(
     noise: float, seed: int = 0, draft: float = 0.0
 ) -> tuple[list[FittedPatch], list[Constraint], Scan]:
     scan, patches, topology = bracket(noise, seed, draft)
-    fitted, constraints = regularize(fit_patches(scan, patches), scan.points, topology)
+    fitted, constraints = regularize(scan, fit_patches(scan, patches), topology)
     return fitted, constraints, scan
 
 
@@ -125,7 +125,7 @@ def test_it_also_gets_nearer_to_the_truth() -> None:
         scan, patches, topology = bracket(2e-3, seed)
         clean = bracket(0.0, seed)[0].points
         rough = fit_patches(scan, patches)
-        fine, _ = regularize(rough, scan.points, topology)
+        fine, _ = regularize(scan, rough, topology)
         for list_, errors in ((rough, before), (fine, after)):
             errors += [np.sqrt(np.mean(p.primitive.distance(clean[p.patch.indices]) ** 2)) for p in list_]
     assert np.mean(after) < 0.8 * np.mean(before)
@@ -157,7 +157,7 @@ def test_a_false_tangency_is_dropped() -> None:
     rough = fitted[BORE_A].rms
     chain = Chain(fitted[BORE_A].primitive.project(scan.points[:5]), BORE_A, BORE_B, 0, 1)
     twisted = Topology(topology.regions, (*topology.chains, chain), topology.corners, 0.0)
-    result, _ = regularize(fitted, scan.points, twisted)
+    result, _ = regularize(scan, fitted, twisted)
     assert result[BORE_A].rms < 1.2 * rough + 1e-4
 
 
@@ -174,6 +174,7 @@ def test_freeform_patches_and_lonely_ones_stay_as_they_are() -> None:
         Patch(np.arange(300), "bspline", np.ones(300, bool)), surface, 1, 0.0, np.zeros((0, 0))
     )
     nothing = Topology((), (), np.zeros((0, 3)), 0.0)
-    fitted, constraints = regularize([patch], points, nothing)
+    scan = Scan(points, normals, None, Frame(np.zeros(3), 1.0), 0.0, 0.01)
+    fitted, constraints = regularize(scan, [patch], nothing)
     assert fitted[0] is patch and not constraints
-    assert regularize([], points, nothing) == ([], [])
+    assert regularize(scan, [], nothing) == ([], [])

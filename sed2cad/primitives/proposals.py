@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sed2cad.primitives.base import Array, Primitive
-from sed2cad.primitives.refine import centred, tukey_weights, uncertainty
+from sed2cad.primitives.oriented_fit import directions
+from sed2cad.primitives.refine import Directions, centred, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS
-from sed2cad.primitives.relations import EQUATIONS, SAME, TANGENCIES, Equation, placement, residuals
-from sed2cad.primitives.solve_relations import Evidence, Relation
+from sed2cad.primitives.relations import EQUATIONS, SAME, TANGENCIES, Equation, placement, placement_jacobian, residuals
+from sed2cad.primitives.robust_fit import thinned
+from sed2cad.primitives.solve_relations import Evidence, Relation, Turns
+from sed2cad.primitives.vectors import tangent_frame
 
 # Least and most that a primitive is changed by, whatever its uncertainty.
 _ANGLES = (np.radians(0.5), np.radians(9.0))
+_WEAK_ANGLE = np.radians(30.0)  # most for a direction that is known well the other way
 _SQUARE = np.radians(3.0)  # most for perpendicular, which many directions are by chance
 _SHIFTS = (5e-4, 0.012)  # of an axis, unit frame
 _OFFSETS = (3e-4, 0.002)  # of a plane, unit frame
@@ -73,17 +77,27 @@ class Piece:
 Pieces = dict[int, Piece]
 
 
-def piece(primitive: Primitive, points: Array, noise: float) -> Piece:
-    """Weigh a primitive by its points (n, 3); few of them are no better than the noise of the whole scan."""
+def piece(primitive: Primitive, points: Array, normals: Array, noise: float, angle: float) -> Piece:
+    """Weigh a primitive by its points (n, 3) and their normals (n, 3), which deviate by `angle`, radians.
+
+    Few of them are no better than the noise of the whole scan.
+    """
     primitive = centred(primitive, points)
-    if len(points) > _MOST_POINTS:
-        points = points[np.linspace(0, len(points) - 1, _MOST_POINTS).astype(np.int64)]
-    fit = uncertainty(primitive, points, noise)
+    points, normals = thinned(points, normals, _MOST_POINTS)
+    said = directions(primitive, points, normals, noise, angle)
+    fit = uncertainty(primitive, points, noise, said)
     sigma = max(fit.sigma, _LEAST_SIGMA, noise if len(points) < _INDEPENDENT else 0.0)
-    weights = tukey_weights(primitive.distance(points), noise, primitive.freedom)
-    evidence = Evidence(points, weights / sigma**2)
+    weights = tukey_weights(primitive.distance(points), noise, primitive.freedom) / sigma**2
+    evidence = Evidence(points, weights, None if said is None else _turns(primitive, points, said))
     covariance = fit.covariance * (sigma / fit.sigma) ** 2 * max(1.0, len(points) / _INDEPENDENT)
     return Piece(primitive, evidence, covariance)
+
+
+def _turns(primitive: Primitive, points: Array, said: Directions) -> Turns:
+    """The directions as evidence."""
+    terms = said.terms(primitive, points)
+    slopes = terms.turning @ np.linalg.pinv(placement_jacobian(primitive))
+    return Turns(said.normals, terms.trust / said.noise**2, terms.whitening, slopes)
 
 
 def propose_directions(pieces: Pieces) -> list[Relation]:
@@ -92,38 +106,51 @@ def propose_directions(pieces: Pieces) -> list[Relation]:
     leaders: list[int] = []
     relations: list[Relation] = []
     for index in sorted(spread, key=lambda k: spread[k]):
-        angles = [_angle(pieces[index].primitive, pieces[leader].primitive) for leader in leaders]
-        limits = [_within(_ANGLES, spread[index], spread[leader]) for leader in leaders]
-        best = int(np.argmin(angles)) if leaders else -1
-        if leaders and angles[best] < limits[best]:
-            relations.append(_relation("parallel", leaders[best], index, angles[best] / limits[best]))
+        strain = np.array([_turn(pieces[index], pieces[leader], spread[leader]) for leader in leaders])
+        if leaders and strain.min() < 1:
+            best = int(np.argmin(strain))
+            relations.append(_relation("parallel", leaders[best], index, strain[best]))
             continue
-        for leader, angle, limit in zip(leaders, angles, limits):
-            limit = min(limit, _SQUARE)
+        for leader in leaders:
+            angle = _angle(pieces[index].primitive, pieces[leader].primitive)
+            limit = min(_within(_ANGLES, spread[index], spread[leader]), _SQUARE)
             if np.pi / 2 - angle < limit:
                 relations.append(_relation("perpendicular", leader, index, (np.pi / 2 - angle) / limit))
         leaders.append(index)
     return relations
 
 
+def _turn(piece: Piece, leader: Piece, spread: float) -> float:
+    """The turn from one direction to another in units of what is tolerated: an ellipse of three deviations.
+
+    An axis may be known well one way and badly the other, as that of a narrow strip of a cone.
+    """
+    own, other = (placement(entry.primitive)[:3] for entry in (piece, leader))
+    frame = np.column_stack(tangent_frame(own))
+    values, vectors = np.linalg.eigh(piece.covariance[_DIRECTION, _DIRECTION])
+    deviations = 3 * np.sqrt(np.maximum(values, 0) + spread**2)
+    most = [_ANGLES[1], _ANGLES[1] if deviations[0] > _ANGLES[1] else _WEAK_ANGLE]
+    limits = np.clip(deviations, _ANGLES[0], most)
+    turn = frame.T @ other if own @ other >= 0 else -frame.T @ other
+    if abs(own @ other) < np.cos(_WEAK_ANGLE):
+        return float("inf")
+    return float(np.linalg.norm((vectors.T @ turn) / np.sin(limits)))
+
+
 def propose_coplanar(pieces: Pieces, directions: Iterable[Relation]) -> list[Relation]:
     """Parallel planes with nearly one offset; the directions must hold already."""
     relations = []
+
+    def strain(leader: int, index: int) -> float:
+        p, q = placement(pieces[leader].primitive), placement(pieces[index].primitive)
+        gap = abs(p[6] - np.sign(p[:3] @ q[:3]) * q[6])
+        return gap / _within(_OFFSETS, pieces[leader].offset, pieces[index].offset)
+
     for group in _groups(pieces, directions):
-        leaders: list[int] = []
-        for index in sorted(_of_kind(pieces, group, ("plane",)), key=lambda k: pieces[k].offset):
-            for leader in leaders:
-                p, q = placement(pieces[leader].primitive), placement(pieces[index].primitive)
-                sign = float(np.sign(p[:3] @ q[:3]))
-                gap, limit = (
-                    abs(p[6] - sign * q[6]),
-                    _within(_OFFSETS, pieces[leader].offset, pieces[index].offset),
-                )
-                if gap < limit:
-                    relations.append(_relation("coplanar", leader, index, gap / limit, sign))
-                    break
-            else:
-                leaders.append(index)
+        planes = sorted(_of_kind(pieces, group, ("plane",)), key=lambda k: pieces[k].offset)
+        for leader, index, size in _matches(planes, strain):
+            p, q = placement(pieces[leader].primitive), placement(pieces[index].primitive)
+            relations.append(_relation("coplanar", leader, index, size, float(np.sign(p[:3] @ q[:3]))))
     return relations
 
 
@@ -131,41 +158,50 @@ def propose_coaxial(pieces: Pieces, directions: Iterable[Relation]) -> list[Rela
     """Parallel axes that nearly coincide, and spheres on them; the directions must hold already."""
     relations = []
     spheres = _of_kind(pieces, pieces, ("sphere",))
+
+    def strain(leader: int, index: int) -> float:
+        p, q = placement(pieces[leader].primitive), placement(pieces[index].primitive)
+        gap = float(np.linalg.norm(np.cross(q[3:6] - p[3:6], p[:3])))
+        return gap / _within(_SHIFTS, pieces[leader].lateral, pieces[index].lateral)
+
     for group in _groups(pieces, directions):
-        leaders: list[int] = []
         axes = sorted(_of_kind(pieces, group, ("cylinder", "cone", "torus")), key=lambda k: pieces[k].lateral)
-        for index in axes + spheres:
-            kind = "concentric" if index in spheres else "coaxial"
-            for leader in leaders:
-                p, q = placement(pieces[leader].primitive), placement(pieces[index].primitive)
-                gap = float(np.linalg.norm(np.cross(q[3:6] - p[3:6], p[:3])))
-                limit = _within(_SHIFTS, pieces[leader].lateral, pieces[index].lateral)
-                if gap < limit:
-                    relations.append(_relation(kind, leader, index, gap / limit))
-                    break
-            else:
-                leaders += [] if index in spheres else [index]
+        for leader, index, size in _matches(axes, strain, spheres):
+            relations.append(_relation("concentric" if index in spheres else "coaxial", leader, index, size))
     return relations
 
 
 def propose_radii(pieces: Pieces) -> list[Relation]:
     """Cylinders, spheres and tubes of tori with nearly one radius."""
-    kinds = tuple(_RADIUS)
-    spread = {k: pieces[k].spread(_RADIUS[pieces[k].primitive.kind]) for k in _of_kind(pieces, pieces, kinds)}
-    radius = {
-        k: placement(pieces[k].primitive)[7 if pieces[k].primitive.kind == "torus" else 6] for k in spread
-    }
+    round_ = _of_kind(pieces, pieces, tuple(_RADIUS))
+    spread = {k: pieces[k].spread(_RADIUS[pieces[k].primitive.kind]) for k in round_}
+    radius = {k: placement(pieces[k].primitive)[7 if pieces[k].primitive.kind == "torus" else 6] for k in spread}
+
+    def strain(leader: int, index: int) -> float:
+        limit = min(_within(_RADII, spread[leader], spread[index]), _RADIUS_SHARE * radius[leader])
+        return float(abs(radius[leader] - radius[index]) / limit)
+
+    matches = _matches(sorted(spread, key=lambda k: spread[k]), strain)
+    return [_equal_radius(pieces, leader, index, size) for leader, index, size in matches]
+
+
+def _matches(
+    ordered: Sequence[int], strain: Callable[[int, int], float], followers: Sequence[int] = ()
+) -> list[tuple[int, int, float]]:
+    """(leader, index, strain): each with the leader it strains least from, if by less than 1; else it leads itself.
+
+    The best known come first; followers never lead.
+    """
     leaders: list[int] = []
-    relations = []
-    for index in sorted(spread, key=lambda k: spread[k]):
-        for leader in leaders:
-            gap, limit = abs(radius[leader] - radius[index]), _within(_RADII, spread[leader], spread[index])
-            if gap < min(limit, _RADIUS_SHARE * radius[leader]):
-                relations.append(_equal_radius(pieces, leader, index, gap / limit))
-                break
-        else:
+    found = []
+    for index in [*ordered, *followers]:
+        strains = [strain(leader, index) for leader in leaders]
+        best = int(np.argmin(strains)) if leaders else -1
+        if leaders and strains[best] < 1:
+            found.append((leaders[best], index, strains[best]))
+        elif index not in followers:
             leaders.append(index)
-    return relations
+    return found
 
 
 def _equal_radius(pieces: Pieces, a: int, b: int, strain: float) -> Relation:

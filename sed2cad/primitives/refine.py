@@ -15,15 +15,82 @@ from sed2cad.primitives.vectors import tangent_frame, tilted, unit
 
 _TUKEY = 4.685  # 95 % efficiency on Gaussian noise
 _LEAST_SCALE = 1e-7  # unit frame; keeps the weights finite on exact points
+_DIFFERENCE = 1e-6  # of the chart: the error of central differences is its square over that of a radius
 
 
-def refine(primitive: Primitive, points: Array, noise: float, steps: int, robust: bool = True) -> Primitive:
+@dataclass(frozen=True)
+class Directions:
+    """Measured normals that have a say in the place of a primitive beside the points."""
+
+    normals: Array  # (n, 3), unit, all on the side that the primitive's normals point to
+    angle: float  # deviation of their components across the true normal, radians
+    noise: float  # deviation of the points, above 0
+
+    def whitening(self, primitive: Primitive, points: Array) -> Array:
+        """Matrices (n, 3, 3) that make the errors of the gaps independent and as large as the noise.
+
+        A point that is off sideways asks for the normal of another place, which says little where the radius is not
+        well above the noise. So the covariance of a gap is angle^2 + noise^2 S S^T with S = d normal / d point.
+        """
+        steps = self.noise * np.eye(3)
+        slopes = [primitive.normal(points + step) - primitive.normal(points - step) for step in steps]
+        shift = np.stack(slopes, axis=2) / 2
+        covariance = self.angle**2 * np.eye(3) + shift @ shift.transpose(0, 2, 1)
+        return np.asarray(self.noise * np.linalg.inv(np.linalg.cholesky(covariance)))
+
+    def gaps(self, primitive: Primitive, points: Array, whitening: Array) -> Array:
+        """Primitive's normals at the points minus the measured ones, whitened (n, 3): in units of length."""
+        return np.einsum("nij,nj->ni", whitening, primitive.normal(points) - self.normals)
+
+    def trust(self, gaps: Array, freedom: int) -> Array:
+        """Weights (n,), without those that belong elsewhere."""
+        return tukey_weights(np.linalg.norm(gaps, axis=1), self.noise, freedom)
+
+    def terms(self, primitive: Primitive, points: Array) -> _Turns:
+        """Linearised around a primitive."""
+        whitening = self.whitening(primitive, points)
+        gaps = self.gaps(primitive, points, whitening)
+        turning = whitening @ normal_jacobian(primitive, points)
+        return _Turns(whitening, gaps, self.trust(gaps, primitive.freedom), turning)
+
+
+@dataclass(frozen=True)
+class _Turns:
+    """Directions, linearised."""
+
+    whitening: Array  # (n, 3, 3)
+    gaps: Array  # (n, 3)
+    trust: Array  # (n,)
+    turning: Array  # (n, 3, freedom), d gaps / d delta
+
+    @property
+    def cost(self) -> float:
+        return float(self.trust @ (self.gaps**2).sum(axis=1))
+
+    @property
+    def gradient(self) -> Array:
+        return np.asarray(np.einsum("n,ni,nik->k", self.trust, self.gaps, self.turning))
+
+    @property
+    def hessian(self) -> Array:
+        return np.asarray(np.einsum("n,nik,nil->kl", self.trust, self.turning, self.turning))
+
+
+def refine(
+    primitive: Primitive,
+    points: Array,
+    noise: float,
+    steps: int,
+    robust: bool = True,
+    directions: Directions | None = None,
+) -> Primitive:
     """The primitive moved downhill on the (Tukey-weighted) squares of its distances to points (n, 3).
 
-    It rests where the next step promises less than a thousandth of one point's share of the cost.
+    With directions, on those of its normals' angles to them too. It rests where the next step promises less than a
+    thousandth of one point's share of the cost.
     """
     primitive = centred(primitive, points)
-    state, middle = _linearised(primitive, points, noise, robust), points.mean(axis=0)
+    state, middle = _linearised(primitive, points, noise, robust, directions), points.mean(axis=0)
     damping = 1e-6
     for _ in range(steps):
         step, promised = state.step(damping)
@@ -32,7 +99,7 @@ def refine(primitive: Primitive, points: Array, noise: float, steps: int, robust
         trial = bent(primitive, step, middle) if isinstance(primitive, Torus) else primitive.moved(step)
         if is_proper(trial) and state.cost_of(trial, points) <= state.cost:
             primitive, damping = trial, damping / 10
-            state = _linearised(primitive, points, noise, robust)
+            state = _linearised(primitive, points, noise, robust, directions)
         else:
             damping = max(damping, 1e-5) * 30
             if damping > 1e4:
@@ -68,6 +135,8 @@ class _Linearised:
     cost: float
     gradient: Array  # (freedom,)
     hessian: Array  # (freedom, freedom)
+    directions: Directions | None
+    turns: _Turns | None
 
     def step(self, damping: float) -> tuple[Array, float]:
         """Marquardt's step, independent of the units of the chart, and the fall of the cost it promises."""
@@ -78,15 +147,33 @@ class _Linearised:
 
     def cost_of(self, primitive: Primitive, points: Array) -> float:
         """Cost of another primitive with the same weights."""
-        return float(self.weights @ primitive.distance(points) ** 2)
+        cost = float(self.weights @ primitive.distance(points) ** 2)
+        if self.directions is None or self.turns is None:
+            return cost
+        gaps = self.directions.gaps(primitive, points, self.turns.whitening)
+        return cost + float(self.turns.trust @ (gaps**2).sum(axis=1))
 
 
-def _linearised(primitive: Primitive, points: Array, noise: float, robust: bool) -> _Linearised:
+def _linearised(
+    primitive: Primitive, points: Array, noise: float, robust: bool, directions: Directions | None
+) -> _Linearised:
     residual, jacobian = primitive.distance(points), primitive.jacobian(points)
     weights = tukey_weights(residual, noise, primitive.freedom) if robust else np.ones(len(points))
     weighted = jacobian * weights[:, None]
-    cost = float(weights @ residual**2)
-    return _Linearised(weights, cost, residual @ weighted, weighted.T @ jacobian)
+    cost, gradient, hessian = float(weights @ residual**2), residual @ weighted, weighted.T @ jacobian
+    if directions is None:
+        return _Linearised(weights, cost, gradient, hessian, None, None)
+    turns = directions.terms(primitive, points)
+    return _Linearised(
+        weights, cost + turns.cost, gradient + turns.gradient, hessian + turns.hessian, directions, turns
+    )
+
+
+def normal_jacobian(primitive: Primitive, points: Array) -> Array:
+    """d normal / d delta at points (n, 3): (n, 3, freedom), by central differences in the chart."""
+    steps = _DIFFERENCE * np.eye(primitive.freedom)
+    slopes = [primitive.moved(step).normal(points) - primitive.moved(-step).normal(points) for step in steps]
+    return np.stack(slopes, axis=2) / (2 * _DIFFERENCE)
 
 
 def tukey_weights(residual: Array, noise: float, freedom: int) -> Array:
@@ -131,8 +218,10 @@ class Uncertainty:
     covariance: Array  # (freedom, freedom) in the primitive's chart
 
 
-def uncertainty(primitive: Primitive, points: Array, noise: float) -> Uncertainty:
-    """Covariance of the M-estimate (Huber 1981, chapter 7.6); huge along what the points leave open.
+def uncertainty(
+    primitive: Primitive, points: Array, noise: float, directions: Directions | None = None
+) -> Uncertainty:
+    """Covariance of the M-estimate (Huber 1981, chapter 7.6); huge along what points and directions leave open.
 
     With psi(r) = w(r) r it is sum(psi^2) / sum(psi')^2 times the inverse of the mean of J^T J over the points that
     count. The weights shrink the residuals that they let through, so sum(w r^2) / sum(w) is less than sigma^2; for
@@ -147,6 +236,8 @@ def uncertainty(primitive: Primitive, points: Array, noise: float) -> Uncertaint
     variance = max(float(weights @ residual**2) / (slope * spare), least)
     factor = max(float(weights**2 @ residual**2) * total / (slope**2 * spare), least)
     hessian = (jacobian * weights[:, None]).T @ jacobian
+    if directions is not None:
+        hessian = hessian + directions.terms(primitive, points).hessian
     scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-30))
     values, vectors = np.linalg.eigh(hessian * scale[:, None] * scale)
     inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T

@@ -40,15 +40,45 @@ class Relation:
 
 
 @dataclass(frozen=True)
+class Turns:
+    """Normals that hold a primitive in place, linearised where the fit put it."""
+
+    normals: Array  # (n, 3) as the primitive's point
+    weights: Array  # (n,)
+    whitening: Array  # (n, 3, 3) of their gaps, see Directions
+    slopes: Array  # (n, 3, PLACEMENT), d whitened gap / d placement
+
+    def gaps(self, primitive: Primitive, points: Array) -> Array:
+        """Whitened (n, 3)."""
+        return np.asarray(np.einsum("nij,nj->ni", self.whitening, primitive.normal(points) - self.normals))
+
+
+@dataclass(frozen=True)
 class Evidence:
-    """Points that hold a primitive in place."""
+    """Points that hold a primitive in place, and perhaps their normals."""
 
     points: Array  # (n, 3)
     weights: Array  # (n,), 1 / variance
+    turns: Turns | None = None
 
     def chi_square(self, primitive: Primitive) -> float:
-        """Weighted sum of the squared distances."""
-        return float(self.weights @ primitive.distance(self.points) ** 2)
+        """Weighted sum of the squared distances and gaps."""
+        squares = float(self.weights @ primitive.distance(self.points) ** 2)
+        if self.turns is None:
+            return squares
+        return squares + float(self.turns.weights @ (self.turns.gaps(primitive, self.points) ** 2).sum(axis=1))
+
+    def terms(self, primitive: Primitive) -> tuple[Array, Array]:
+        """Normal matrix (freedom, freedom) and half the gradient (freedom,) of chi_square in the primitive's chart."""
+        jacobian = primitive.jacobian(self.points)
+        weighted = jacobian * self.weights[:, None]
+        hessian, gradient = weighted.T @ jacobian, primitive.distance(self.points) @ weighted
+        if self.turns is not None:
+            slopes = self.turns.slopes @ placement_jacobian(primitive)
+            weighted = slopes * self.turns.weights[:, None, None]
+            hessian = hessian + np.einsum("nik,nil->kl", slopes, weighted)
+            gradient = gradient + np.einsum("ni,nik->k", self.turns.gaps(primitive, self.points), weighted)
+        return hessian, gradient
 
 
 def satisfy(
@@ -178,11 +208,7 @@ def _fit_terms(
     size = _unknowns(layout)
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
     for index, part in layout.items():
-        points, weights = evidence[index].points, evidence[index].weights
-        jacobian = primitives[index].jacobian(points)
-        weighted = jacobian * weights[:, None]
-        hessian[part, part] = weighted.T @ jacobian
-        gradient[part] = primitives[index].distance(points) @ weighted
+        hessian[part, part], gradient[part] = evidence[index].terms(primitives[index])
     return hessian, gradient
 
 
