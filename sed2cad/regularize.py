@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sed2cad.fitting import angle_noise, root_mean_square, used_points
+from sed2cad.primitives.adopt import adopt_axes
 from sed2cad.primitives.base import Array, FittedPatch, Primitive
 from sed2cad.primitives.proposals import (
     Piece,
@@ -61,6 +62,7 @@ def regularize(
         for index, (patch, own) in enumerate(zip(fitted, used))
         if patch.primitive.kind in ANALYTIC_KINDS and _is_known(patch, len(own), angle)
     }
+    pieces = adopt_axes(pieces)
     aligned, directions = _settled(pieces, propose_directions(pieces))
     relations = [
         *directions,

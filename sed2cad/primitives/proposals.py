@@ -34,7 +34,7 @@ _CHANCE = 4.0  # growth of chi^2 per parameter that chance explains
 _UNSEEN = 1e-4  # rms that nobody sees, unit frame
 _LEAST_SIGMA = 1e-4  # unit frame; no points are trusted more
 
-_DIRECTION = slice(0, 2)  # in every chart but the sphere's
+DIRECTION = slice(0, 2)  # in every chart but the sphere's
 _LATERAL = {"cylinder": slice(2, 4), "cone": slice(2, 4), "torus": slice(2, 5), "sphere": slice(0, 3)}
 _RADIUS = {"cylinder": slice(4, 5), "sphere": slice(3, 4), "torus": slice(6, 7)}
 
@@ -65,13 +65,13 @@ class Piece:
     @property
     def lateral(self) -> float:
         """Standard deviation of the place of the axis or centre, its direction being known."""
-        known = slice(0, 0) if self.primitive.kind == "sphere" else _DIRECTION
+        known = slice(0, 0) if self.primitive.kind == "sphere" else DIRECTION
         return self.spread(_LATERAL[self.primitive.kind], known)
 
     @property
     def offset(self) -> float:
         """Standard deviation of a plane's offset, its direction being known."""
-        return self.spread(slice(2, 3), _DIRECTION)
+        return self.spread(slice(2, 3), DIRECTION)
 
 
 Pieces = dict[int, Piece]
@@ -102,7 +102,7 @@ def _turns(primitive: Primitive, points: Array, said: Directions) -> Turns:
 
 def propose_directions(pieces: Pieces) -> list[Relation]:
     """Each direction parallel to a better known one, or else perhaps perpendicular to the other groups'."""
-    spread = {k: p.spread(_DIRECTION) for k, p in pieces.items() if p.primitive.kind != "sphere"}
+    spread = {k: p.spread(DIRECTION) for k, p in pieces.items() if p.primitive.kind != "sphere"}
     leaders: list[int] = []
     relations: list[Relation] = []
     for index in sorted(spread, key=lambda k: spread[k]):
@@ -127,7 +127,7 @@ def _turn(piece: Piece, leader: Piece, spread: float) -> float:
     """
     own, other = (placement(entry.primitive)[:3] for entry in (piece, leader))
     frame = np.column_stack(tangent_frame(own))
-    values, vectors = np.linalg.eigh(piece.covariance[_DIRECTION, _DIRECTION])
+    values, vectors = np.linalg.eigh(piece.covariance[DIRECTION, DIRECTION])
     deviations = 3 * np.sqrt(np.maximum(values, 0) + spread**2)
     most = [_ANGLES[1], _ANGLES[1] if deviations[0] > _ANGLES[1] else _WEAK_ANGLE]
     limits = np.clip(deviations, _ANGLES[0], most)

@@ -1,0 +1,78 @@
+"""Short arcs that hardly tell their axis take one that the part has already, where their points allow it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from sed2cad.primitives.base import Array, Primitive
+from sed2cad.primitives.cone import Cone
+from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.proposals import DIRECTION, Piece, Pieces
+from sed2cad.primitives.relations import placement
+from sed2cad.primitives.starts import is_proper
+from sed2cad.primitives.torus import Torus
+from sed2cad.primitives.vectors import about_axis, unit
+
+_VAGUE = np.radians(3.0)  # deviation of a direction that needs help
+_SURE = np.radians(1.0)  # of one that can give it
+_CHANCE = 9.0  # growth of chi^2 that four numbers given up explain
+
+
+def adopt_axes(pieces: Pieces) -> Pieces:
+    """The pieces, those with vague axes about the sure axis that fits them best, if any does."""
+    spread = {k: p.spread(DIRECTION) for k, p in pieces.items() if p.primitive.kind in _ABOUT}
+    axes = [placement(pieces[k].primitive) for k, size in spread.items() if size < _SURE]
+    changed = {k: _adopted(pieces[k], axes) for k, size in spread.items() if size > _VAGUE}
+    return {**pieces, **changed}
+
+
+def _adopted(piece: Piece, axes: list[Array]) -> Piece:
+    own = piece.evidence.chi_square(piece.primitive)
+    trials = [_about_axis(piece, place[3:6], place[:3]) for place in axes]
+    costs = [piece.evidence.chi_square(trial) if trial else np.inf for trial in trials]
+    best = int(np.argmin(costs)) if costs else -1
+    chosen = trials[best] if costs and costs[best] < own + _CHANCE else None
+    return replace(piece, primitive=chosen) if chosen else piece
+
+
+def _about_axis(piece: Piece, origin: Array, axis: Array) -> Primitive | None:
+    """The primitive of the same kind about an axis that is nearest to the points and the normals of the fit."""
+    height, radius, radial = about_axis(piece.evidence.points, origin, axis)
+    normals = piece.primitive.normal(piece.evidence.points) if piece.evidence.turns is None else piece.evidence.turns.normals
+    meridian = np.column_stack([radius, height])
+    arrows = unit(np.column_stack([np.einsum("ij,ij->i", normals, radial), normals @ axis]))
+    found = _ABOUT[piece.primitive.kind](origin, axis, meridian, arrows)
+    return found if found is not None and is_proper(found) else None
+
+
+def _cylinder(origin: Array, axis: Array, meridian: Array, arrows: Array) -> Primitive:
+    return Cylinder(axis, origin + meridian[:, 1].mean() * axis, float(meridian[:, 0].mean()))
+
+
+def _cone(origin: Array, axis: Array, meridian: Array, arrows: Array) -> Primitive | None:
+    """A line in the half plane (radius, height), through the middle and across the mean normal."""
+    (radius, height), (out, up) = meridian.mean(axis=0), unit(arrows.mean(axis=0))
+    slope = -up / out if abs(out) > 1e-3 else np.inf  # growth of the radius along the axis
+    if not 1e-4 < abs(slope) < 1e3:
+        return None
+    apex = origin + (height - radius / slope) * axis
+    return Cone(axis if slope > 0 else -axis, apex, float(np.arctan(abs(slope))), float(radius / abs(slope)))
+
+
+def _torus(origin: Array, axis: Array, meridian: Array, arrows: Array) -> Primitive:
+    """A circle in the half plane, by the normals."""
+    offset, spread = meridian - meridian.mean(axis=0), arrows - arrows.mean(axis=0)
+    minor = float((offset * spread).sum() / max(float((spread**2).sum()), 1e-12))
+    major, height = meridian.mean(axis=0) - minor * arrows.mean(axis=0)
+    return Torus(axis, origin + height * axis, float(major), abs(minor))
+
+
+_ABOUT: dict[str, Callable[[Array, Array, Array, Array], Primitive | None]] = {
+    "cylinder": _cylinder,
+    "cone": _cone,
+    "torus": _torus,
+}
+"""Origin and direction (3,) of the axis, (radius, height) (n, 2) of points, normals there (n, 2)."""
