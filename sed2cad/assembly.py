@@ -66,6 +66,11 @@ LADDER = (
     Rung("exact, smoother borders", smoothness=2.5),
     Rung("exact, second proxy", smooth=True),
 )
+RAW_LADDER = (
+    Rung("exact, not regularised", regular=False),
+    Rung("exact, not regularised, smoother borders", smoothness=2.5, regular=False),
+    Rung("exact, not regularised, second proxy", smooth=True, regular=False),
+)
 
 
 def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done: Done) -> Assembly:
@@ -78,7 +83,7 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
     trials: list[Trial] = []
     tracer = Tracer(scan, fitted)
     start = time.perf_counter()
-    for rung in LADDER:
+    for rung in LADDER if settings.regularize else RAW_LADDER:
         if tracer.proxies and time.perf_counter() - start > settings.exact_seconds:
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
@@ -146,7 +151,8 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Tria
     patches = list(traced.fitted)
     constraints: list[Constraint] = []
     if rung.regular:
-        patches, constraints = regularize(patches, scan.points, traced.topology)
+        step = settings.round / scan.frame.scale if settings.round else None
+        patches, constraints = regularize(patches, scan.points, traced.topology, step)
     faces, edges = len(traced.topology.regions), len(traced.topology.chains)
     done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
     surface = np.vstack([scan.points, traced.proxy.vertices])
