@@ -7,12 +7,14 @@ Gauss-Newton, and those that contradict others or pull a primitive off its point
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from sed2cad.constraints import Constraint, list_constraints
 from sed2cad.fitting import root_mean_square, used_points
 from sed2cad.primitives.base import Array, FittedPatch, Primitive
+from sed2cad.primitives.patterns import Pattern, propose_patterns
 from sed2cad.primitives.proposals import (
     Pieces,
     piece,
@@ -24,24 +26,13 @@ from sed2cad.primitives.proposals import (
 )
 from sed2cad.primitives.refine import uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS
-from sed2cad.primitives.rounding import Dimension, propose_dimensions
-from sed2cad.primitives.settle import primitives_of, settle
-from sed2cad.primitives.solve_relations import Relation, members_of, violations
+from sed2cad.primitives.rounding import propose_dimensions
+from sed2cad.primitives.settle import settle
+from sed2cad.primitives.solve_relations import Relation, members_of
+from sed2cad.primitives.symmetry import propose_symmetries
 from sed2cad.topology.model import Topology
 
 _TANGENT_ANGLE = np.radians(14.0)  # between the normals of two faces along their common boundary
-
-
-@dataclass(frozen=True)
-class Constraint:
-    """What now holds exactly between patches, or of one. Lengths in the unit frame, angles in radians."""
-
-    kind: str  # parallel, perpendicular, coaxial, concentric, coplanar, equal_radius, tangent, same, rounded
-    patches: tuple[int, ...]  # indices into the fitted patches
-    residual: float  # before: the largest of its residuals
-    measure: str = ""  # of a dimension: radius, distance, half_angle, ...
-    before: float = np.nan  # of a dimension: its value without this constraint
-    after: float = np.nan
 
 
 def regularize(
@@ -69,6 +60,10 @@ def regularize(
         *propose_tangencies(aligned, tangent_pairs(fitted, topology)),
     ]
     settled, relations = settle(pieces, relations)
+    patterns = _patterns(fitted, settled)
+    if patterns:
+        pieces |= {index: datum for pattern in patterns for index, datum in pattern.datums.items()}
+        settled, relations, patterns = _repeated(pieces, relations, patterns)
     dimensions = propose_dimensions(settled, relations, step) if step else []
     if dimensions:
         settled, relations = settle(pieces, [dimension.relation for dimension in dimensions], relations)
@@ -77,26 +72,30 @@ def regularize(
         _refitted(patch, settled[k].primitive, points[used[k]]) if k in changed else patch
         for k, patch in enumerate(fitted)
     ]
-    return patches, _constraints(pieces, relations, dimensions)
+    return patches, list_constraints(pieces, settled, relations, patterns, dimensions)
 
 
-def _constraints(
-    pieces: Pieces, relations: Sequence[Relation], dimensions: Sequence[Dimension]
-) -> list[Constraint]:
-    """What is told about the relations that hold."""
-    known = {dimension.relation: dimension for dimension in dimensions}
-    sizes = violations(primitives_of(pieces), relations)
-    constraints = [
-        Constraint(r.kind, r.members, float(size)) for r, size in zip(relations, sizes) if r not in known
-    ]
-    for relation in relations:
-        if relation in known:
-            found = known[relation]
-            change = abs(found.after - found.before)
-            constraints.append(
-                Constraint("rounded", found.patches, change, found.measure, abs(found.before), abs(found.after))
-            )
-    return constraints
+def _patterns(fitted: Sequence[FittedPatch], settled: Pieces) -> list[Pattern]:
+    """All that seems to repeat; the datums are numbered after the patches."""
+    sides = {index: fitted[index].sign for index in settled}
+    patterns = propose_patterns(settled, sides, len(fitted))
+    first = len(fitted) + sum(len(pattern.datums) for pattern in patterns)
+    return patterns + propose_symmetries(settled, sides, first)
+
+
+def _repeated(
+    pieces: Pieces, relations: list[Relation], patterns: list[Pattern]
+) -> tuple[Pieces, list[Relation], list[Pattern]]:
+    """The pieces under the relations and as many patterns as go with them, and these.
+
+    What is left of a pattern has to be one.
+    """
+    settled, kept = settle(pieces, [relation for pattern in patterns for relation in pattern.relations], relations)
+    whole = [pattern for pattern in patterns if pattern.is_whole(kept)]
+    lost = {relation for pattern in patterns if pattern not in whole for relation in pattern.relations}
+    if lost & set(kept):
+        settled, kept = settle(pieces, [], [relation for relation in kept if relation not in lost])
+    return settled, kept, whole
 
 
 def tangent_pairs(fitted: Sequence[FittedPatch], topology: Topology) -> list[tuple[int, int]]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sed2cad.primitives.base import Array
+from sed2cad.primitives.patterns import Datum
 from sed2cad.primitives.proposals import Pieces
 from sed2cad.primitives.relations import Equation, Placed, Stack, placement
 from sed2cad.primitives.settle import primitives_of
@@ -30,8 +31,8 @@ _ALIGNED = 1e-9  # of directions that relations made parallel or perpendicular
 class Dimension:
     """A number that a designer would write at the part; radians or unit frame."""
 
-    measure: str  # radius, minor_radius, half_angle, distance, angle
-    patches: tuple[int, ...]  # that it is a dimension of
+    measure: str  # radius, major_radius, minor_radius, half_angle, distance, angle, pitch, pitch_radius
+    members: tuple[int, ...]  # that it is a dimension of
     relation: Relation  # number: the value that it is to have
     rank: int = 0  # those of lower rank are rounded first
     before: float = np.nan
@@ -92,7 +93,10 @@ def _measured(
 def _sizes(pieces: Pieces) -> Iterator[Dimension]:
     for index, entry in pieces.items():
         kind = entry.primitive.kind
-        if kind in ("cylinder", "sphere"):
+        if isinstance(entry, Datum):
+            if entry.measure:
+                yield _dimension(entry.measure, (index,), _size)
+        elif kind in ("cylinder", "sphere"):
             yield _dimension("radius", (index,), _size)
         elif kind == "cone":
             yield _dimension("half_angle", (index,), _size)
@@ -122,7 +126,11 @@ def _distances(pieces: Pieces) -> Iterator[Dimension]:
             for b in level[:k]:
                 relation = Relation("rounded", (group[0], b, a), _rise, 0.0)
                 yield Dimension("distance", (b, a), relation, 1)
-    axes = [index for index, entry in pieces.items() if entry.primitive.kind in ("cylinder", "cone")]
+    axes = [
+        index
+        for index, entry in pieces.items()
+        if entry.primitive.kind in ("cylinder", "cone") and not _is_abstract(pieces, index)
+    ]
     for k, a in enumerate(axes):
         for b in axes[:k]:
             p, q = placement(pieces[a].primitive), placement(pieces[b].primitive)
@@ -139,7 +147,7 @@ def _plane_groups(pieces: Pieces) -> list[list[int]]:
     """Planes with one normal."""
     groups: list[list[int]] = []
     for index, entry in pieces.items():
-        if entry.primitive.kind != "plane":
+        if entry.primitive.kind != "plane" or isinstance(entry, Datum):
             continue
         for group in groups:
             if np.linalg.norm(np.cross(_direction(pieces, group[0]), _direction(pieces, index))) < _ALIGNED:
@@ -152,11 +160,18 @@ def _plane_groups(pieces: Pieces) -> list[list[int]]:
 
 def _has_level(pieces: Pieces, index: int, normal: Array) -> bool:
     """Whether it has one place along the normal: centres do, and axes across it."""
+    if _is_abstract(pieces, index):
+        return False
     kind, direction = pieces[index].primitive.kind, _direction(pieces, index)
     across = abs(float(direction @ normal))
     if kind == "torus":
         return min(across, float(np.linalg.norm(np.cross(direction, normal)))) < _ALIGNED
     return kind == "sphere" or (kind in ("cylinder", "cone") and across < _ALIGNED)
+
+
+def _is_abstract(pieces: Pieces, index: int) -> bool:
+    entry = pieces[index]
+    return isinstance(entry, Datum) and not entry.placed
 
 
 def _direction(pieces: Pieces, index: int) -> Array:

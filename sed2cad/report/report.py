@@ -32,13 +32,14 @@ class FaceSummary:
 class ConstraintSummary:
     """What was made exact. Lengths in the scan's unit, angles in degrees."""
 
-    kind: str  # parallel, perpendicular, coaxial, concentric, coplanar, equal_radius, tangent, same, rounded
+    kind: str  # as in constraints.Constraint
     faces: tuple[str, ...]  # names of the primitives
     off: float  # by how much it did not hold before
     angular: bool  # whether `off` and the values are angles
     measure: str = ""  # of a dimension: radius, distance, half_angle, ...
     before: float | None = None  # value of the dimension without this constraint
     after: float | None = None
+    detail: str = ""  # of a pattern: "every 60 degrees"
 
     def __str__(self) -> str:
         """"coaxial: cylinder_1, cylinder_2 (was off by 0.013)"."""
@@ -46,7 +47,8 @@ class ConstraintSummary:
         change = f"was off by {self.off:.3g}{unit}"
         if self.before is not None and self.after is not None:
             change = f"{self.measure.replace('_', ' ')} {self.before:.6g} to {self.after:.6g}{unit}"
-        return f"{self.kind.replace('_', ' ')}: {', '.join(self.faces)} ({change})"
+        told = f"{self.detail}, {change}" if self.detail else change
+        return f"{self.kind.replace('_', ' ')}: {', '.join(self.faces)} ({told})"
 
 
 @dataclass(frozen=True)

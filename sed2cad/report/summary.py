@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 from sed2cad.assembly import FACETS, Assembly
+from sed2cad.constraints import Constraint
 from sed2cad.primitives.names import primitive_names
-from sed2cad.regularize import Constraint
 from sed2cad.report.report import ConstraintSummary, Deviation, FaceSummary, Report
 from sed2cad.scan.scan import Frame
 
@@ -66,7 +66,9 @@ def _told(constraint: Constraint, names: tuple[str, ...], scale: float) -> Const
     angular = constraint.kind in ANGULAR or constraint.measure in ANGULAR
     unit = 180 / math.pi if angular else scale
     faces = tuple(names[index] for index in constraint.patches)
-    told = ConstraintSummary(constraint.kind, faces, constraint.residual * unit, angular, constraint.measure)
+    told = ConstraintSummary(
+        constraint.kind, faces, constraint.residual * unit, angular, constraint.measure, detail=constraint.detail
+    )
     if not constraint.measure:
         return told
     return replace(told, before=constraint.before * unit, after=constraint.after * unit)
