@@ -63,10 +63,10 @@ def regularize(
     patterns = _patterns(fitted, settled)
     if patterns:
         pieces |= {index: datum for pattern in patterns for index, datum in pattern.datums.items()}
-        settled, relations, patterns = _repeated(pieces, relations, patterns)
+        settled, relations, patterns = _repeated(pieces, settled, relations, patterns)
     dimensions = propose_dimensions(settled, relations, step) if step else []
     if dimensions:
-        settled, relations = settle(pieces, [dimension.relation for dimension in dimensions], relations)
+        settled, relations = settle(pieces, [dimension.relation for dimension in dimensions], relations, settled)
     changed = members_of(relations)
     patches = [
         _refitted(patch, settled[k].primitive, points[used[k]]) if k in changed else patch
@@ -84,18 +84,19 @@ def _patterns(fitted: Sequence[FittedPatch], settled: Pieces) -> list[Pattern]:
 
 
 def _repeated(
-    pieces: Pieces, relations: list[Relation], patterns: list[Pattern]
+    pieces: Pieces, settled: Pieces, relations: list[Relation], patterns: list[Pattern]
 ) -> tuple[Pieces, list[Relation], list[Pattern]]:
-    """The pieces under the relations and as many patterns as go with them, and these.
+    """The pieces under the relations, as they are settled, and as many patterns as go with them, and these.
 
     What is left of a pattern has to be one.
     """
-    settled, kept = settle(pieces, [relation for pattern in patterns for relation in pattern.relations], relations)
+    proposed = [relation for pattern in patterns for relation in pattern.relations]
+    found, kept = settle(pieces, proposed, relations, settled)
     whole = [pattern for pattern in patterns if pattern.is_whole(kept)]
     lost = {relation for pattern in patterns if pattern not in whole for relation in pattern.relations}
     if lost & set(kept):
-        settled, kept = settle(pieces, [], [relation for relation in kept if relation not in lost])
-    return settled, kept, whole
+        found, kept = settle(pieces, [], [relation for relation in kept if relation not in lost], settled)
+    return found, kept, whole
 
 
 def tangent_pairs(fitted: Sequence[FittedPatch], topology: Topology) -> list[tuple[int, int]]:

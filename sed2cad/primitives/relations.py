@@ -294,6 +294,6 @@ def residual_jacobian(equation: Equation, *stacks: Array) -> Array:
     """Derivative (n, m, 8 k) of the residuals by the numbers that place the k members, by a complex step."""
     step, width = 1e-30, PLACEMENT * (len(stacks) - 1)
     together = np.concatenate(stacks[:-1], axis=1)[:, None, :] + 1j * step * np.eye(width)
-    members = np.split(together.reshape(-1, width), len(stacks) - 1, axis=1)
+    members = together.reshape(-1, len(stacks) - 1, PLACEMENT).swapaxes(0, 1)
     changed = equation(*map(Placed, members), np.repeat(stacks[-1], width))
     return np.asarray(changed.imag / step).reshape(len(stacks[0]), width, -1).transpose(0, 2, 1)

@@ -13,18 +13,20 @@ from sed2cad.primitives.solve_relations import Relation, satisfy, tensions, viol
 
 _BROKEN = 1e-9  # residual of a relation that was not met
 _ASTRAY = 1e-4  # residual that shows a contradiction, not a relation that others imply
-_SECOND_CHANCES = 12  # attempts to take dropped relations in again
+_SECOND_CHANCES = (12, 4)  # attempts to take dropped relations in again: alone, or where others are given
 
 
 def settle(
-    pieces: Pieces, proposed: Sequence[Relation], given: Sequence[Relation] = ()
+    pieces: Pieces, proposed: Sequence[Relation], given: Sequence[Relation] = (), settled: Pieces | None = None
 ) -> tuple[Pieces, list[Relation]]:
     """The pieces under the given relations, which go together, and as many of the proposed ones as go with them.
+
+    `settled` are those of the pieces that obey the given relations already, to start from.
 
     First the culprits of every conflict are dropped until all is sound, then what was dropped gets a second
     chance, by halves. All relations that hold come back, the given ones first.
     """
-    start, evidence = primitives_of(pieces), {index: entry.evidence for index, entry in pieces.items()}
+    start, evidence = primitives_of({**pieces, **(settled or {})}), {index: entry.evidence for index, entry in pieces.items()}
     kept = [*given, *proposed]
     solved = satisfy(start, kept, evidence)
     while len(kept) > len(given) and not _is_sound(pieces, solved, kept):
@@ -32,7 +34,7 @@ def settle(
         kept = [relation for k, relation in enumerate(kept) if k not in culprits]
         solved = satisfy(start, kept, evidence)
     waiting = [[relation for relation in proposed if relation not in kept]]
-    for _ in range(_SECOND_CHANCES):
+    for _ in range(_SECOND_CHANCES[bool(given)]):
         batch = waiting.pop() if waiting else []
         if not batch:
             break

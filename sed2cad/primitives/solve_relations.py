@@ -11,6 +11,7 @@ from scipy.linalg import qr, solve_triangular
 
 from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.relations import (
+    PLACEMENT,
     Equation,
     placement,
     placement_jacobian,
@@ -168,8 +169,8 @@ def linearised(
         slopes = residual_jacobian(equation, *sides)
         block = np.zeros((*slopes.shape[:2], unknowns))
         for row, slope, relation in zip(block, slopes, chosen):
-            for index, part in zip(relation.members, np.split(slope, len(relation.members), axis=1)):
-                row[:, layout[index]] += part @ charts[index]
+            for k, index in enumerate(relation.members):
+                row[:, layout[index]] += slope[:, PLACEMENT * k : PLACEMENT * (k + 1)] @ charts[index]
         rows.append(block.reshape(-1, unknowns))
         trust.append(np.repeat([1 / (0.2 + relation.strain) for relation in chosen], slopes.shape[1]))
     return np.concatenate(values), np.vstack(rows), np.concatenate(trust)

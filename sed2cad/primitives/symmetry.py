@@ -46,13 +46,14 @@ def propose_symmetries(pieces: Pieces, sides: Mapping[int, int], first: int) -> 
     for leader in _directions(pieces):
         normal = placement(pieces[leader].primitive)[:3]
         votes = [vote for kind in (_plane_votes, _slope_votes, _centre_votes) for vote in kind(pieces, sides, normal)]
-        chosen = _elected(votes)
+        chosen, height = _elected(votes)
         if not chosen:
             continue
         index = first + len(patterns)
-        height = float(np.median([vote.height for vote in chosen]))
         images = [
-            Relation("symmetric", (v.a, v.b, index), MIRRORED[pieces[v.a].primitive.kind], 1.0, _STRAIN)
+            Relation(
+                "symmetric", (v.a, v.b, index), MIRRORED[pieces[v.a].primitive.kind], strain=abs(v.height - height) / v.slack
+            )
             for v in chosen
         ]
         across = Relation("symmetric", (leader, index), EQUATIONS["parallel"], strain=_STRAIN)
@@ -120,11 +121,11 @@ def _centre_votes(pieces: Pieces, sides: Mapping[int, int], normal: Array) -> It
         height = float(placement(pieces[index].primitive)[3:6] @ normal)
         yield Vote(index, index, height, float(tolerances(pieces[index].lateral)))
         for partner in known[:k]:
-            if pieces[partner].primitive.kind == pieces[index].primitive.kind and sides[partner] == sides[index]:
+            if sides[partner] == sides[index] and _alike(pieces, partner, index):
                 other = float(placement(pieces[partner].primitive)[3:6] @ normal)
                 middle, width = (height + other) / 2, abs(height - other)
                 slack = float(tolerances(np.hypot(pieces[index].lateral, pieces[partner].lateral)))
-                if _mirrored(pieces, partner, index, Plane(normal, middle)) < slack:
+                if abs(width) > _APART and _mirrored(pieces, partner, index, Plane(normal, middle)) < slack:
                     yield Vote(partner, index, middle, slack / 2, width)
 
 
@@ -149,26 +150,38 @@ def _at_one_place(pieces: Pieces, a: int, b: int) -> bool:
     return bool(np.linalg.norm(gap - (gap @ p[:3]) * p[:3]) < _APART)
 
 
+def _alike(pieces: Pieces, a: int, b: int) -> bool:
+    """Whether both are of one kind and size, as relations have made them; cones may still differ a little."""
+    p, q = pieces[a].primitive, pieces[b].primitive
+    sizes = placement(p)[6:] - placement(q)[6:]
+    return p.kind == q.kind and (p.kind == "cone" or bool(np.abs(sizes).max() < _APART))
+
+
 def _mirrored(pieces: Pieces, a: int, b: int, plane: Plane) -> float:
     """How far b is from being the mirror image of a."""
     stacks = [placement(primitive)[None] for primitive in (pieces[a].primitive, pieces[b].primitive, plane)]
     return float(np.abs(residuals(MIRRORED[pieces[a].primitive.kind], *stacks, np.ones(1))).max())
 
 
-def _elected(votes: Sequence[Vote]) -> list[Vote]:
-    """The votes for the plane with the most, if it has more than chance explains; no piece votes twice."""
+def _elected(votes: Sequence[Vote]) -> tuple[list[Vote], float]:
+    """The votes for the plane with the most, if chance does not explain them, and its height.
+
+    No piece votes twice.
+    """
     if len(votes) < _LEAST:
-        return []
+        return [], 0.0
     height, slack = np.array([vote.height for vote in votes]), np.array([vote.slack for vote in votes])
     extent = max(float(np.ptp(height)), *(vote.width for vote in votes), 1e-3)
     near = np.abs(height[:, None] - height) < np.hypot(slack[:, None], slack)
-    best = int(np.argmax(near.sum(axis=1)))
+    among = near[int(np.argmax(near.sum(axis=1)))]
+    middle = float(np.average(height[among], weights=slack[among] ** -2.0))
+    strain = np.abs(height - middle) / slack
     chosen: list[Vote] = []
     taken: set[int] = set()
-    for k in sorted(np.flatnonzero(near[best]).tolist(), key=lambda k: abs(height[k] - height[best])):
+    for k in np.argsort(strain)[: int((strain < 1).sum())].tolist():
         if not {votes[k].a, votes[k].b} & taken:
             chosen.append(votes[k])
             taken |= {votes[k].a, votes[k].b}
-    expected = len(votes) * 2 * float(slack[near[best]].mean()) / extent
+    expected = len(votes) * 2 * float(slack[strain < 1].mean()) / extent if chosen else 0.0
     chance = len(votes) * float(poisson.sf(len(chosen) - 2, expected))  # so many others at one vote
-    return chosen if len(chosen) >= _LEAST and chance < _CHANCE else []
+    return (chosen, middle) if len(chosen) >= _LEAST and chance < _CHANCE else ([], 0.0)
