@@ -26,7 +26,8 @@ def settle(
     First the culprits of every conflict are dropped until all is sound, then what was dropped gets a second
     chance, by halves. All relations that hold come back, the given ones first.
     """
-    start, evidence = primitives_of({**pieces, **(settled or {})}), {index: entry.evidence for index, entry in pieces.items()}
+    start = primitives_of({**pieces, **(settled or {})})
+    evidence = {index: entry.evidence for index, entry in pieces.items()}
     kept = [*given, *proposed]
     solved = satisfy(start, kept, evidence)
     while len(kept) > len(given) and not _is_sound(pieces, solved, kept):

@@ -43,6 +43,10 @@ def propose_symmetries(pieces: Pieces, sides: Mapping[int, int], first: int) -> 
     from `first`.
     """
     patterns: list[Pattern] = []
+
+    def kind_of(vote: Vote) -> str:
+        return pieces[vote.a].primitive.kind
+
     for leader in _directions(pieces):
         normal = placement(pieces[leader].primitive)[:3]
         votes = [vote for kind in (_plane_votes, _slope_votes, _centre_votes) for vote in kind(pieces, sides, normal)]
@@ -51,9 +55,7 @@ def propose_symmetries(pieces: Pieces, sides: Mapping[int, int], first: int) -> 
             continue
         index = first + len(patterns)
         images = [
-            Relation(
-                "symmetric", (v.a, v.b, index), MIRRORED[pieces[v.a].primitive.kind], strain=abs(v.height - height) / v.slack
-            )
+            Relation("symmetric", (v.a, v.b, index), MIRRORED[kind_of(v)], strain=abs(v.height - height) / v.slack)
             for v in chosen
         ]
         across = Relation("symmetric", (leader, index), EQUATIONS["parallel"], strain=_STRAIN)
