@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.primitives.base import Array
 
-_CHANCE = 1e-3
-_TOLERANCE = (2e-4, 4e-3)  # least and most that places are moved by, unit frame
+_CHANCE = 1e-4
+_TOLERANCE = (1e-4, 4e-3)  # least and most that places are moved by, unit frame
 _FULL = 0.5  # least share of the places of a pattern that are taken
 _MOST_TURNS = 24  # holes on a bolt circle
 _MOST_TRIPLES = 1500  # places that are tried as three of a circle
@@ -46,6 +47,16 @@ class Lattice:
 def tolerances(spread: Array | float) -> Array:
     """Three standard deviations, but within limits."""
     return np.clip(3 * spread, *_TOLERANCE)
+
+
+def tolerance(spread: float) -> float:
+    """The same for one."""
+    return float(tolerances(spread))
+
+
+def is_known(spread: float) -> bool:
+    """Whether it is so small that the tolerance is not cut off."""
+    return 3 * spread < _TOLERANCE[1]
 
 
 def best_lattice(places: Array, spread: Array, centres: Array, centre_spread: Array) -> Lattice | None:
@@ -102,7 +113,7 @@ def _circle(places: Array, spread: Array, centre: Array, first: int, known: floa
         return
     checks = 2 * len(chosen) - (2 if known is not None else 4)
     odds = 2 * float(slack[chosen].mean()) / radii[first]
-    ways = _ways(len(places), 1 if known is not None else 3) * len(counts)
+    ways = comb(len(places), 1 if known is not None else 3) * len(counts)
     angle = 2 * np.pi / turns * steps
     cosine, sine, zero, one = np.cos(angle), np.sin(angle), np.zeros(len(steps)), np.ones(len(steps))
     design = np.vstack([np.column_stack([one, zero, cosine, -sine]), np.column_stack([zero, one, sine, cosine])])
@@ -145,18 +156,13 @@ def _grid(places: Array, spread: Array, first: int, pitch: Array) -> Iterator[La
         return
     checks = 2 * len(chosen) - (4 if len(pitch) == 1 else 5)
     odds = 2 * float(slack[chosen].mean()) / float(length.min())
-    ways = _ways(len(places), 1 + len(pitch))
+    ways = comb(len(places), 1 + len(pitch))
     blocks = [np.kron(np.eye(2), np.column_stack([np.ones(len(chosen)), steps]))]
     fit = _fit(np.vstack(blocks), places[chosen].T.ravel(), np.tile(spread[chosen], 2))
     if fit is not None:
         x, y = np.split(fit, 2)
         pitch = np.column_stack([x[1:], y[1:]])
         yield Lattice(chosen, steps, np.array([x[0], y[0]]), pitch, 0, ways * min(odds, 1.0) ** checks)
-
-
-def _ways(n: int, picked: int) -> float:
-    """How many ordered choices of `picked` from n."""
-    return float(np.prod(np.arange(n, n - picked, -1)))
 
 
 def _fit(design: Array, values: Array, spread: Array) -> Array | None:

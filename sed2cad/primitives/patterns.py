@@ -16,7 +16,7 @@ from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.images import SHIFTED, TURNED, on_circle
-from sed2cad.primitives.lattices import Lattice, best_lattice, tolerances
+from sed2cad.primitives.lattices import Lattice, best_lattice, is_known, tolerances
 from sed2cad.primitives.proposals import Piece, Pieces
 from sed2cad.primitives.relations import EQUATIONS, placement
 from sed2cad.primitives.solve_relations import Evidence, Relation
@@ -109,9 +109,8 @@ def propose_patterns(pieces: Pieces, sides: Mapping[int, int], first: int) -> li
 def _all_sites(pieces: Pieces, sides: Mapping[int, int]) -> Iterator[Sites]:
     """Cylinders with one radius, and cones that a shift across their axes makes one."""
     groups: list[list[int]] = []
-    for index in sorted(pieces, key=lambda k: pieces[k].lateral if _round(pieces, k) else 0.0):
-        if not _round(pieces, index):
-            continue
+    spread = {k: entry.lateral for k, entry in pieces.items() if entry.primitive.kind in ("cylinder", "cone")}
+    for index in sorted((k for k in spread if is_known(spread[k])), key=lambda k: spread[k]):
         for group in groups:
             if sides[group[0]] == sides[index] and _equal(pieces[group[0]], pieces[index]):
                 group.append(index)
@@ -124,13 +123,8 @@ def _all_sites(pieces: Pieces, sides: Mapping[int, int]) -> Iterator[Sites]:
         places = np.array([frame[:2] @ placement(pieces[k].primitive)[3:6] for k in group])
         apart = np.linalg.norm(places[:, None] - places, axis=2)
         leads = [k for k in range(len(group)) if not (apart[k, :k] < _SAME).any()]
-        spread = np.array([pieces[group[k]].lateral for k in leads])
-        kind = pieces[group[0]].primitive.kind
-        yield Sites([group[k] for k in leads], frame, places[leads], spread, kind)
-
-
-def _round(pieces: Pieces, index: int) -> bool:
-    return pieces[index].primitive.kind in ("cylinder", "cone")
+        spreads = np.array([spread[group[k]] for k in leads])
+        yield Sites([group[k] for k in leads], frame, places[leads], spreads, pieces[group[0]].primitive.kind)
 
 
 def _equal(a: Piece, b: Piece) -> bool:
@@ -156,7 +150,7 @@ def _axes(pieces: Pieces, sites: Sites) -> list[tuple[int, Array, float]]:
     axes: list[tuple[int, Array, float]] = []
     for index in sorted(pieces, key=lambda k: k in sites.indices):
         entry = pieces[index]
-        if entry.primitive.kind not in ("cylinder", "cone", "torus"):
+        if entry.primitive.kind not in ("cylinder", "cone", "torus") or not is_known(entry.lateral):
             continue
         numbers = placement(entry.primitive)
         place = sites.frame[:2] @ numbers[3:6]

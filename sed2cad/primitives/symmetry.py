@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,15 +10,16 @@ from scipy.stats import poisson
 
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.images import MIRRORED
-from sed2cad.primitives.lattices import tolerances
+from sed2cad.primitives.lattices import is_known, tolerance
 from sed2cad.primitives.patterns import Pattern, datum
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.proposals import Pieces
 from sed2cad.primitives.relations import EQUATIONS, placement, residuals
 from sed2cad.primitives.solve_relations import Relation
 
-_CHANCE = 1e-3  # symmetries as good as one that are expected where places are random
+_CHANCE = 1e-4  # symmetries as good as one that are expected where places are random
 _ALIGNED = 1e-8  # of directions that relations made parallel or perpendicular
+_STRAY = 0.15  # votes that are expected near a plane by chance
 _ANGLES = (np.radians(0.05), np.radians(1.0))  # least and most that a slope is turned by
 _APART = 1e-6  # places nearer than this are one
 _STRAIN = 0.5  # of all relations of a symmetry, which was within its tolerances
@@ -32,8 +33,13 @@ class Vote:
     a: int
     b: int
     height: float
-    slack: float  # how far the plane may be off
+    spread: float  # its standard deviation
     width: float = 0.0  # how far apart they are
+
+    @property
+    def slack(self) -> float:
+        """How far the plane may be off."""
+        return tolerance(self.spread)
 
 
 def propose_symmetries(pieces: Pieces, sides: Mapping[int, int], first: int) -> list[Pattern]:
@@ -90,8 +96,8 @@ def _plane_votes(pieces: Pieces, sides: Mapping[int, int], normal: Array) -> Ite
     for k, (height, way, index) in enumerate(known):
         for other, opposite, partner in known[:k]:
             if way != opposite and abs(height - other) > _APART:
-                slack = tolerances(np.hypot(pieces[index].offset, pieces[partner].offset) / 2)
-                yield Vote(partner, index, (height + other) / 2, float(slack), abs(height - other))
+                spread = float(np.hypot(pieces[index].offset, pieces[partner].offset)) / 2
+                yield Vote(partner, index, (height + other) / 2, spread, abs(height - other))
 
 
 def _slope_votes(pieces: Pieces, sides: Mapping[int, int], normal: Array) -> Iterator[Vote]:
@@ -108,8 +114,7 @@ def _slope_votes(pieces: Pieces, sides: Mapping[int, int], normal: Array) -> Ite
             turned = float(np.linalg.norm(outward - 2 * slope * normal - other))
             if turned < np.clip(3 * spread, *_ANGLES):
                 place = np.hypot(pieces[a].spread(slice(2, 3)), pieces[b].spread(slice(2, 3)))
-                middle, slack = (offset - partner) / (2 * slope), float(tolerances(place / abs(2 * slope)))
-                yield Vote(b, a, middle, slack)
+                yield Vote(b, a, (offset - partner) / (2 * slope), float(place) / abs(2 * slope))
 
 
 def _centre_votes(pieces: Pieces, sides: Mapping[int, int], normal: Array) -> Iterator[Vote]:
@@ -121,14 +126,14 @@ def _centre_votes(pieces: Pieces, sides: Mapping[int, int], normal: Array) -> It
                 known.append(index)
     for k, index in enumerate(known):
         height = float(placement(pieces[index].primitive)[3:6] @ normal)
-        yield Vote(index, index, height, float(tolerances(pieces[index].lateral)))
+        yield Vote(index, index, height, pieces[index].lateral)
         for partner in known[:k]:
             if sides[partner] == sides[index] and _alike(pieces, partner, index):
                 other = float(placement(pieces[partner].primitive)[3:6] @ normal)
                 middle, width = (height + other) / 2, abs(height - other)
-                slack = float(tolerances(np.hypot(pieces[index].lateral, pieces[partner].lateral)))
-                if abs(width) > _APART and _mirrored(pieces, partner, index, Plane(normal, middle)) < slack:
-                    yield Vote(partner, index, middle, slack / 2, width)
+                spread = float(np.hypot(pieces[index].lateral, pieces[partner].lateral))
+                if width > _APART and _mirrored(pieces, partner, index, Plane(normal, middle)) < tolerance(spread):
+                    yield Vote(partner, index, middle, spread / 2, width)
 
 
 def _has_centre(pieces: Pieces, index: int) -> bool:
@@ -165,15 +170,28 @@ def _mirrored(pieces: Pieces, a: int, b: int, plane: Plane) -> float:
     return float(np.abs(residuals(MIRRORED[pieces[a].primitive.kind], *stacks, np.ones(1))).max())
 
 
+def _sharp(votes: Iterable[Vote]) -> list[Vote]:
+    """Those that are at least so certain that few of them could be near a plane by chance."""
+    known = sorted((vote for vote in votes if is_known(vote.spread)), key=lambda vote: vote.spread)
+    extent = _extent(known)
+    return [vote for k, vote in enumerate(known) if 2 * (k + 1) * vote.slack < _STRAY * extent]
+
+
+def _extent(votes: Sequence[Vote]) -> float:
+    """Of the places that were compared, along the normal."""
+    heights = [vote.height for vote in votes] or [0.0]
+    return max(max(heights) - min(heights), *(vote.width for vote in votes), 1e-3)
+
+
 def _elected(votes: Sequence[Vote]) -> tuple[list[Vote], float]:
     """The votes for the plane with the most, if chance does not explain them, and its height.
 
-    No piece votes twice.
+    No piece votes twice, and none whose place is so uncertain that chance alone would bring in votes like its own.
     """
+    votes = _sharp(votes)
     if len(votes) < _LEAST:
         return [], 0.0
     height, slack = np.array([vote.height for vote in votes]), np.array([vote.slack for vote in votes])
-    extent = max(float(np.ptp(height)), *(vote.width for vote in votes), 1e-3)
     near = np.abs(height[:, None] - height) < np.hypot(slack[:, None], slack)
     among = near[int(np.argmax(near.sum(axis=1)))]
     middle = float(np.average(height[among], weights=slack[among] ** -2.0))
@@ -184,6 +202,6 @@ def _elected(votes: Sequence[Vote]) -> tuple[list[Vote], float]:
         if not {votes[k].a, votes[k].b} & taken:
             chosen.append(votes[k])
             taken |= {votes[k].a, votes[k].b}
-    expected = len(votes) * 2 * float(slack[strain < 1].mean()) / extent if chosen else 0.0
+    expected = len(votes) * 2 * float(slack[strain < 1].mean()) / _extent(votes) if chosen else 0.0
     chance = len(votes) * float(poisson.sf(len(chosen) - 2, expected))  # so many others at one vote
     return (chosen, middle) if len(chosen) >= _LEAST and chance < _CHANCE else ([], 0.0)
