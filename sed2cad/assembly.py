@@ -32,6 +32,7 @@ from sed2cad.topology.trace import Traced, trace
 Done = Callable[[str, str], None]
 
 FACETS = "facets"
+UNREGULARISED = "exact, not regularised"
 MENDED = "mended"
 _MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
 FACET_COUNTS = (1500, 12_000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
@@ -62,12 +63,12 @@ class Rung:
 
 LADDER = (
     Rung("exact"),
-    Rung("exact, not regularised", regular=False),
+    Rung(UNREGULARISED, regular=False),
     Rung("exact, smoother borders", smoothness=2.5),
     Rung("exact, second proxy", smooth=True),
 )
 RAW_LADDER = (
-    Rung("exact, not regularised", regular=False),
+    Rung(UNREGULARISED, regular=False),
     Rung("exact, not regularised, smoother borders", smoothness=2.5, regular=False),
     Rung("exact, not regularised, second proxy", smooth=True, regular=False),
 )

@@ -22,6 +22,7 @@ from sed2cad.primitives.solve_relations import Relation, by_equation, fit_terms,
 _INDEPENDENT = 50  # points that err independently, as for the proposals
 _DEGREES = 0.5  # angles become multiples of it
 _UNSEEN = (5e-5, np.radians(0.01))  # changes that are always allowed: unit frame, radians
+_MOST_SIGMAS = 10.0  # but not of more standard deviations than this
 _IMPLIED = 1e-3  # share of a dimension's own standard deviation that is left to it where others fix it
 _LOOSE = 0.1  # standard deviation of what no point holds, radians or unit lengths
 _ALIGNED = 1e-9  # of directions that relations made parallel or perpendicular
@@ -46,7 +47,7 @@ class Dimension:
 def propose_dimensions(pieces: Pieces, relations: Sequence[Relation], step: float) -> list[Dimension]:
     """Dimensions with the multiples of the step (unit frame) that they may become, the best known first.
 
-    `pieces` obey the relations already.
+    `pieces` obey the relations already. What is so uncertain that any of several multiples would do is left alone.
     """
     found = [*_sizes(pieces), *_angles(pieces), *_distances(pieces)]
     if not found:
@@ -63,8 +64,8 @@ def propose_dimensions(pieces: Pieces, relations: Sequence[Relation], step: floa
             continue
         angular = found[k].measure in ("angle", "half_angle")
         grid, value = np.radians(_DEGREES) if angular else step, values[k] + rows[k] @ state
-        number, limit = float(np.round(value / grid) * grid), max(3 * left, _UNSEEN[angular])
-        if number == 0 or abs(number - value) > limit:
+        number, limit = float(np.round(value / grid) * grid), max(3 * left, min(_UNSEEN[angular], _MOST_SIGMAS * left))
+        if number == 0 or abs(number - value) > limit or spread[k] > grid / 2:
             continue
         state, base = state + free * (number - value) / left**2, np.vstack([base, free / left])
         relation = replace(found[k].relation, number=number, strain=abs(number - value) / limit)

@@ -19,8 +19,8 @@ from sed2cad.primitives.solve_relations import Relation
 
 _CHANCE = 1e-4  # symmetries as good as one that are expected where places are random
 _ALIGNED = 1e-8  # of directions that relations made parallel or perpendicular
-_STRAY = 0.15  # votes that are expected near a plane by chance
-_ANGLES = (np.radians(0.05), np.radians(1.0))  # least and most that a slope is turned by
+_STRAY = 0.1  # votes that are expected near a plane by chance
+_ANGLES = (np.radians(0.05), np.radians(0.5))  # least and most that a slope is turned by
 _APART = 1e-6  # places nearer than this are one
 _STRAIN = 0.5  # of all relations of a symmetry, which was within its tolerances
 _LEAST = 2  # pairs, or lone members in the plane
@@ -112,7 +112,7 @@ def _slope_votes(pieces: Pieces, sides: Mapping[int, int], normal: Array) -> Ite
         for b, other, partner in known[:k]:
             spread = np.hypot(pieces[a].spread(slice(0, 2)), pieces[b].spread(slice(0, 2)))
             turned = float(np.linalg.norm(outward - 2 * slope * normal - other))
-            if turned < np.clip(3 * spread, *_ANGLES):
+            if turned < max(3 * spread, _ANGLES[0]) < _ANGLES[1]:
                 place = np.hypot(pieces[a].spread(slice(2, 3)), pieces[b].spread(slice(2, 3)))
                 yield Vote(b, a, (offset - partner) / (2 * slope), float(place) / abs(2 * slope))
 

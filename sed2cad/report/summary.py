@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from sed2cad.assembly import FACETS, Assembly
+from sed2cad.assembly import FACETS, UNREGULARISED, Assembly
 from sed2cad.constraints import Constraint
 from sed2cad.primitives.names import primitive_names
 from sed2cad.report.report import ConstraintSummary, Deviation, FaceSummary, Report
@@ -28,6 +28,8 @@ def summarise(
         warnings.append("the solid is made of facets: no exact one passed the checks")
     else:
         warnings += _replaced(assembly)
+    if assembly.rung == UNREGULARISED and assembly.failures:
+        warnings.append("nothing was made parallel, equal, ... or rounded: with that, no solid passed the checks")
     if not gate.passed:
         warnings.append(f"the solid did not pass all checks: {gate.reason}")
     freeform = sum(face.rung == "bspline" for face in faces)
