@@ -14,7 +14,7 @@ from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.torus import Torus
 from sed2cad.regularize import Constraint, regularize
 from tests.primitives.measured import UNTRACED, face, fitted_part, hole, placed
-from tests.primitives.patches import Sample, cone_patch, line_distance, random_rotation, torus_patch
+from tests.primitives.patches import Sample, cone_patch, cylinder_patch, line_distance, random_rotation, torus_patch
 
 NOISE = 5e-4
 
@@ -42,6 +42,14 @@ def test_a_radius_on_the_grid_becomes_exact_and_others_stay() -> None:
     assert bore_of(0.10003) == pytest.approx(0.1, abs=1e-11)
     assert bore_of(0.105) == pytest.approx(0.105, abs=4e-4)
     assert abs(bore_of(0.102) - 0.1) > 1e-3
+
+
+def test_what_could_be_any_of_several_multiples_stays() -> None:
+    """An arc of 40 degrees knows its radius to 1e-3 at best: 0.1 is on the grid of 2e-4, but so is much else."""
+    rng = np.random.default_rng(3)
+    arc = cylinder_patch(rng, 200, 0.1, 0.3, 40.0)
+    assert rounded([arc], 2e-4)[1] == []
+    assert [c.after for c in rounded([arc], 0.05)[1]] == [pytest.approx(0.1)]
 
 
 def test_the_change_is_told() -> None:
