@@ -32,6 +32,7 @@ from sed2cad.topology.trace import Traced, trace
 Done = Callable[[str, str], None]
 
 FACETS = "facets"
+UNREGULARISED = "exact, not regularised"
 MENDED = "mended"
 _MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
 FACET_COUNTS = (1500, 12_000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
@@ -62,9 +63,14 @@ class Rung:
 
 LADDER = (
     Rung("exact"),
-    Rung("exact, not regularised", regular=False),
+    Rung(UNREGULARISED, regular=False),
     Rung("exact, smoother borders", smoothness=2.5),
     Rung("exact, second proxy", smooth=True),
+)
+RAW_LADDER = (
+    Rung(UNREGULARISED, regular=False),
+    Rung("exact, not regularised, smoother borders", smoothness=2.5, regular=False),
+    Rung("exact, not regularised, second proxy", smooth=True, regular=False),
 )
 
 
@@ -78,7 +84,7 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
     trials: list[Trial] = []
     tracer = Tracer(scan, fitted)
     start = time.perf_counter()
-    for rung in LADDER:
+    for rung in LADDER if settings.regularize else RAW_LADDER:
         if tracer.proxies and time.perf_counter() - start > settings.exact_seconds:
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
@@ -146,7 +152,8 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Tria
     patches = list(traced.fitted)
     constraints: list[Constraint] = []
     if rung.regular:
-        patches, constraints = regularize(scan, patches, traced.topology)
+        step = settings.round / scan.frame.scale if settings.round else None
+        patches, constraints = regularize(scan, patches, traced.topology, step)
     faces, edges = len(traced.topology.regions), len(traced.topology.chains)
     done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
     surface = np.vstack([scan.points, traced.proxy.vertices])

@@ -39,7 +39,7 @@ evaluate = typer.Typer(no_args_is_help=True, help="Score the parts of the pipeli
 app.add_typer(evaluate, name="evaluate")
 
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="List all faces; trace errors.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="List all faces and constraints; trace errors.")]
 
 
 def main() -> None:
@@ -140,6 +140,12 @@ def reconstruct_command(
     tolerance: Annotated[
         float | None, typer.Option(help="Largest distance of scan and solid. (default: by the noise)")
     ] = None,
+    regularize: Annotated[
+        bool, typer.Option("--regularize/--no-regularize", help="Make parallel, equal, ... what nearly is.")
+    ] = True,
+    round_: Annotated[
+        float | None, typer.Option("--round", help="Dimensions become multiples of it where the points allow.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="The same scan and seed give the same solid.")] = 0,
     device: Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="Where the network runs.")] = "auto",
     quiet: Quiet = False,
@@ -149,7 +155,9 @@ def reconstruct_command(
     from sed2cad.scan.read import reader_of
     from sed2cad.settings import Settings
 
-    settings = Settings(seed=seed, tolerance=tolerance, device=device, unit=unit)
+    settings = Settings(
+        seed=seed, regularize=regularize, round=round_, tolerance=tolerance, device=device, unit=unit
+    )
     reader_of(scan)
     step = step or scan.with_suffix(".step")
     document = report or (step.with_suffix(".json") if script else None)
@@ -355,3 +363,5 @@ def print_summary(model: CadModel, step: Path, seconds: float, verbose: bool) ->
     for face in report.face_list:
         if verbose or face.rung != "exact":
             print(f"  {face.name:<16} {face.rung:<8} rms {face.deviation:.3g} {unit}")
+    for constraint in report.constraints if verbose else ():
+        print(f"  {constraint}")

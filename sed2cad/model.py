@@ -80,7 +80,7 @@ class CadModel:
             raise AssemblyError(f"{self.name}: the changed surfaces do not close to a valid solid ({reason})")
         return replace(
             self, fitted=tuple(fitted), brep=solid.brep, face_names=face_names(solid, fitted),
-            report=self.report.for_variant(solid),
+            report=self.report.for_variant(solid, changes),
         )
 
     def _changed(self, name: str, changes: Mapping[str, Any]) -> Primitive:

@@ -7,14 +7,16 @@ Gauss-Newton, and those that contradict others or pull a primitive off its point
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from sed2cad.constraints import Constraint, list_constraints
 from sed2cad.fitting import angle_noise, root_mean_square, used_points
 from sed2cad.primitives.adopt import adopt_axes
-from sed2cad.primitives.base import Array, FittedPatch, Primitive
+from sed2cad.primitives.base import Array, FittedPatch
+from sed2cad.primitives.patterns import Pattern, propose_patterns
 from sed2cad.primitives.proposals import (
     Piece,
     Pieces,
@@ -26,33 +28,23 @@ from sed2cad.primitives.proposals import (
     propose_tangencies,
 )
 from sed2cad.primitives.registry import ANALYTIC_KINDS
-from sed2cad.primitives.solve_relations import Relation, satisfy, tensions, violations
+from sed2cad.primitives.rounding import propose_dimensions
+from sed2cad.primitives.settle import settle
+from sed2cad.primitives.solve_relations import Relation, members_of
+from sed2cad.primitives.symmetry import propose_symmetries
 from sed2cad.scan.scan import Scan
 from sed2cad.topology.model import Topology
 
 _TANGENT_ANGLE = np.radians(14.0)  # between the normals of two faces along their common boundary
-_BROKEN = 1e-9  # residual of a relation that was not met
-_ASTRAY = 1e-4  # residual that shows a contradiction, not a relation that others imply
-_SECOND_CHANCES = 12  # attempts to take dropped relations in again
-
-
-@dataclass(frozen=True)
-class Constraint:
-    """A relation between two patches that now holds exactly."""
-
-    kind: str  # parallel, perpendicular, coaxial, concentric, coplanar, equal_radius, tangent, same
-    a: int  # index into the fitted patches
-    b: int
-    residual: float  # before: the largest of its residuals, radians or unit frame
 
 
 def regularize(
-    scan: Scan, fitted: Sequence[FittedPatch], topology: Topology
+    scan: Scan, fitted: Sequence[FittedPatch], topology: Topology, step: float | None = None
 ) -> tuple[list[FittedPatch], list[Constraint]]:
     """The patches with primitives that obey the constraints to 1e-9, and the constraints.
 
-    Directions come first, so that axes and planes are compared
-    when they are parallel already; then everything together. B-splines stay as they are.
+    Directions come first, so that axes and planes are compared when they are parallel already; then everything
+    together; then, with a step (unit frame), dimensions are rounded to its multiples. B-splines stay as they are.
     """
     used = [used_points(patch.patch) for patch in fitted]
     noise = float(np.median([patch.rms for patch in fitted])) if fitted else 0.0
@@ -63,7 +55,7 @@ def regularize(
         if patch.primitive.kind in ANALYTIC_KINDS and _is_known(patch, len(own), angle)
     }
     pieces = adopt_axes(pieces)
-    aligned, directions = _settled(pieces, propose_directions(pieces))
+    aligned, directions = settle(pieces, propose_directions(pieces))
     relations = [
         *directions,
         *propose_coplanar(aligned, directions),
@@ -71,15 +63,44 @@ def regularize(
         *propose_radii(aligned),
         *propose_tangencies(aligned, tangent_pairs(fitted, topology)),
     ]
-    settled, relations = _settled(pieces, relations)
-    before = violations(_primitives(pieces), relations)
-    constraints = [Constraint(r.kind, r.a, r.b, float(size)) for r, size in zip(relations, before)]
-    changed = {index for relation in relations for index in (relation.a, relation.b)}
+    settled, relations = settle(pieces, relations)
+    patterns = _patterns(fitted, settled)
+    if patterns:
+        pieces |= {index: datum for pattern in patterns for index, datum in pattern.datums.items()}
+        settled, relations, patterns = _repeated(pieces, settled, relations, patterns)
+    dimensions = propose_dimensions(settled, relations, step) if step else []
+    if dimensions:
+        settled, relations = settle(pieces, [dimension.relation for dimension in dimensions], relations, settled)
+    changed = members_of(relations)
     patches = [
         _refitted(patch, settled[k], scan.points[used[k]]) if k in changed else patch
         for k, patch in enumerate(fitted)
     ]
-    return patches, constraints
+    return patches, list_constraints(pieces, settled, relations, patterns, dimensions)
+
+
+def _patterns(fitted: Sequence[FittedPatch], settled: Pieces) -> list[Pattern]:
+    """All that seems to repeat; the datums are numbered after the patches."""
+    sides = {index: fitted[index].sign for index in settled}
+    patterns = propose_patterns(settled, sides, len(fitted))
+    first = len(fitted) + sum(len(pattern.datums) for pattern in patterns)
+    return patterns + propose_symmetries(settled, sides, first)
+
+
+def _repeated(
+    pieces: Pieces, settled: Pieces, relations: list[Relation], patterns: list[Pattern]
+) -> tuple[Pieces, list[Relation], list[Pattern]]:
+    """The pieces under the relations, as they are settled, and as many patterns as go with them, and these.
+
+    What is left of a pattern has to be one.
+    """
+    proposed = [relation for pattern in patterns for relation in pattern.relations]
+    found, kept = settle(pieces, proposed, relations, settled)
+    whole = [pattern for pattern in patterns if pattern.is_whole(kept)]
+    lost = {relation for pattern in patterns if pattern not in whole for relation in pattern.relations}
+    if lost & set(kept):
+        found, kept = settle(pieces, [], [relation for relation in kept if relation not in lost], settled)
+    return found, kept, whole
 
 
 def tangent_pairs(fitted: Sequence[FittedPatch], topology: Topology) -> list[tuple[int, int]]:
@@ -95,10 +116,6 @@ def tangent_pairs(fitted: Sequence[FittedPatch], topology: Topology) -> list[tup
     return sorted(pairs)
 
 
-def _primitives(pieces: Pieces) -> dict[int, Primitive]:
-    return {index: entry.primitive for index, entry in pieces.items()}
-
-
 def _refitted(patch: FittedPatch, settled: Piece, points: Array) -> FittedPatch:
     rms = root_mean_square(settled.primitive.distance(points))
     return replace(patch, primitive=settled.primitive, rms=rms, covariance=settled.covariance)
@@ -109,67 +126,3 @@ def _is_known(patch: FittedPatch, points: int, angle: float) -> bool:
     if not math.isfinite(angle):
         return points > patch.primitive.freedom
     return 3 * points >= patch.primitive.freedom and patch.patch.kind == patch.primitive.kind
-
-
-def _settled(pieces: Pieces, relations: list[Relation]) -> tuple[Pieces, list[Relation]]:
-    """The pieces under as many of the relations as go together, and these.
-
-    First the culprits of every conflict are dropped until all is sound, then what was dropped gets a second
-    chance, by halves.
-    """
-    start, evidence = _primitives(pieces), {index: entry.evidence for index, entry in pieces.items()}
-    kept = list(relations)
-    solved = satisfy(start, kept, evidence)
-    while not _is_sound(pieces, solved, kept):
-        culprits = _culprits(pieces, solved, kept)
-        kept = [relation for k, relation in enumerate(kept) if k not in culprits]
-        solved = satisfy(start, kept, evidence)
-    waiting = [[relation for relation in relations if relation not in kept]]
-    for _ in range(_SECOND_CHANCES):
-        batch = waiting.pop() if waiting else []
-        if not batch:
-            break
-        trial = satisfy(start, kept + batch, evidence)
-        if _is_sound(pieces, trial, kept + batch):
-            kept, solved = kept + batch, trial
-        elif len(batch) > 1:
-            waiting += [batch[len(batch) // 2 :], batch[: len(batch) // 2]]
-    return {index: replace(entry, primitive=solved[index]) for index, entry in pieces.items()}, kept
-
-
-def _is_sound(pieces: Pieces, solved: Mapping[int, Primitive], relations: Sequence[Relation]) -> bool:
-    """Whether all relations hold and all primitives are still on their points."""
-    met = violations(solved, relations).max(initial=0.0) <= _BROKEN
-    return bool(met) and not any(entry.spoiled_by(solved[index]) for index, entry in pieces.items())
-
-
-def _culprits(pieces: Pieces, solved: Mapping[int, Primitive], relations: Sequence[Relation]) -> set[int]:
-    """Relations to give up: those that were not met, or the most harmful one at each spoiled primitive."""
-    left = violations(solved, relations)
-    broken = left > _BROKEN
-    if (
-        broken.sum() > 3 and left.max() > _ASTRAY
-    ):  # no solution at all: this says little about any one of them
-        places = {index for r, bad in zip(relations, broken) if bad for index in (r.a, r.b)}
-        strain = np.array(
-            [relation.strain if {relation.a, relation.b} & places else 0 for relation in relations]
-        )
-        return set(np.argsort(-strain)[: 1 + len(relations) // 20].tolist())
-    if broken.any():
-        return set(np.flatnonzero(broken).tolist())
-    places = {index for index, entry in pieces.items() if entry.spoiled_by(solved[index])}
-    evidence = {index: entry.evidence for index, entry in pieces.items()}
-    harm = tensions(_primitives(pieces), solved, relations, evidence)
-    return _worst_at(places, relations, harm)
-
-
-def _worst_at(places: set[int], relations: Sequence[Relation], harm: Array) -> set[int]:
-    """The most harmful relation at each of these primitives, at most one to a primitive."""
-    dropped: set[int] = set()
-    done: set[int] = set()
-    for k in np.argsort(-harm).tolist():
-        ends = {relations[k].a, relations[k].b}
-        if ends & places and not ends & done:
-            dropped.add(k)
-            done |= ends
-    return dropped

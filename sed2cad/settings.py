@@ -16,6 +16,8 @@ class Settings:
     """Options of `reconstruct`; UsageError for values that make no sense."""
 
     seed: int = 0
+    regularize: bool = True  # whether what is nearly parallel, coaxial, equal, ... becomes exactly so
+    round: float | None = None  # dimensions become multiples of it where the points allow, in `unit`; None: they do not
     tolerance: float | None = None  # largest distance of scan and solid, in `unit`; None: from the noise
     device: str = "auto"  # where the network runs: "auto", "cpu", "cuda"
     unit: str = "mm"  # of the scan's coordinates: "mm", "cm", "m", "in"
@@ -30,6 +32,10 @@ class Settings:
             raise UsageError(f"unknown device {self.device!r}: it must be one of {', '.join(DEVICES)}")
         if self.tolerance is not None and not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise UsageError(f"the tolerance is {self.tolerance}: it must be a length above 0")
+        if self.round is not None and not (math.isfinite(self.round) and self.round > 0):
+            raise UsageError(f"the step of rounding is {self.round}: it must be a length above 0")
+        if self.round is not None and not self.regularize:
+            raise UsageError("raw fits cannot be rounded: choose --round or --no-regularize")
         if not 0 <= self.seed < 2**32:
             raise UsageError(f"the seed is {self.seed}: it must be between 0 and {2**32 - 1}")
         if not self.attempt_seconds > 0:

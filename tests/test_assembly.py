@@ -14,6 +14,7 @@ from sed2cad.brep.attempt import assemble_faceted
 from sed2cad.brep.worker import Failure
 from sed2cad.errors import AssemblyError
 from sed2cad.scan.raw import RawScan
+from tests.parts import DATA
 from tests.segmentation.shapes import box
 
 Job = Callable[[Any], Any]
@@ -42,6 +43,19 @@ def test_facets_are_the_last_rung_and_said(monkeypatch: pytest.MonkeyPatch) -> N
     assert model.solid.volume == pytest.approx(6000, rel=0.02)
     with pytest.raises(sed2cad.errors.UsageError, match="facets"):
         model.vary(plane_1={"offset": 1.0})
+
+
+def test_a_solid_without_constraints_is_said_to_be_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    attempts: list[Any] = []
+
+    def run(job: Job, payload: Any, timeout: float) -> Any:
+        attempts.append(payload)
+        return Failure("crash", "the CAD kernel crashed") if len(attempts) == 1 else job(payload)
+
+    monkeypatch.setattr(assembly, "run_isolated", run)
+    report = sed2cad.reconstruct(DATA / "bracket.ply").report
+    assert report.rung == assembly.UNREGULARISED and not report.constraints
+    assert any("no solid passed" in warning for warning in report.warnings)
 
 
 def test_an_open_shell_is_kept_and_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 from sed2cad import __version__
 from sed2cad.cli import app, parse_changes
 from sed2cad.errors import Sed2cadError, UsageError, WeightsError
+from sed2cad.model import CadModel
 from tests.parts import DATA, box_points, write_ply
 
 BRACKET = DATA / "bracket.ply"
@@ -88,6 +90,8 @@ def test_bad_scans(tmp_path: Path, case: str) -> None:
         (("--unit", "ft"), "unknown unit 'ft': it must be one of mm, cm, m, in"),
         (("--device", "tpu"), "unknown device 'tpu': it must be one of auto, cpu, cuda"),
         (("--tolerance", "-1"), "the tolerance is -1.0: it must be a length above 0"),
+        (("--round", "0"), "the step of rounding is 0.0: it must be a length above 0"),
+        (("--round", "1", "--no-regularize"), "raw fits cannot be rounded: choose --round or --no-regularize"),
         (("--seed", "-1"), "the seed is -1: it must be between 0 and 4294967295"),
     ],
 )
@@ -165,6 +169,36 @@ def test_main_job_and_a_variant(tmp_path: Path) -> None:
     assert code == 0, err
     assert "v.step: closed solid, 11 faces" in out
     assert _parameters(variant)[bore]["radius"] == pytest.approx(5.5)
+
+
+def test_rounding_is_listed_and_kept_in_the_model(tmp_path: Path) -> None:
+    step, report = tmp_path / "b.step", tmp_path / "b.json"
+    code, out, err = run(BRACKET, "--step", step, "--report", report, "--round", "0.1", "-v")
+    assert code == 0, err
+    assert re.search(r"^  perpendicular: plane_\d, plane_\d \(was off by \S+ degrees\)$", out, re.MULTILINE)
+    assert re.search(r"^  rounded: cylinder_\d \(radius \S+ to 5\)$", out, re.MULTILINE)
+    radii = sorted(p["radius"] for p in _parameters(report).values() if "radius" in p)
+    assert radii == pytest.approx([5, 6, 8], abs=1e-9)
+    listed = json.loads(report.read_text())["report"]["constraints"]
+    (told,) = (c for c in listed if c["measure"] == "radius" and abs(c["after"] - 5) < 1e-9)
+    assert told["kind"] == "rounded" and _parameters(report)[told["faces"][0]]["radius"] == pytest.approx(5)
+    assert abs(told["before"] - 5) == pytest.approx(told["off"], rel=1e-6) and 0 < told["off"] < 0.01
+    model = CadModel.load(report)
+    assert out.splitlines()[-len(listed) :] == [f"  {constraint}" for constraint in model.report.constraints]
+    (bore,) = told["faces"]
+    variant = model.vary(**{bore: {"radius": 5.5}})
+    assert variant.report.closed
+    assert variant.report.constraints == tuple(c for c in model.report.constraints if bore not in c.faces)
+
+
+def test_raw_fits(tmp_path: Path) -> None:
+    report = tmp_path / "b.json"
+    code, out, err = run(BRACKET, "--step", tmp_path / "b.step", "--report", report, "--no-regularize")
+    assert code == 0, err
+    assert "b.step: closed solid, 11 faces, all exact (exact, not regularised)" in out and "warning" not in err
+    assert json.loads(report.read_text())["report"]["constraints"] == []
+    radii = sorted(p["radius"] for p in _parameters(report).values() if "radius" in p)
+    assert radii == pytest.approx([5, 6, 8], abs=0.01) and radii != pytest.approx([5, 6, 8], abs=1e-9)
 
 
 def _parameters(path: Path) -> dict[str, dict[str, float]]:

@@ -53,7 +53,7 @@ def test_bracket_is_exact(model: CadModel) -> None:
 def test_relations_are_exact(model: CadModel) -> None:
     foot, wall = (model.primitives[bore(model, r)] for r in (5.0, 8.0))
     assert abs(foot.axis @ wall.axis) < 1e-9
-    assert any("perpendicular" in line for line in model.report.constraints)
+    assert any(constraint.kind == "perpendicular" for constraint in model.report.constraints)
 
 
 def test_same_scan_same_bytes(model: CadModel, tmp_path: Path) -> None:

@@ -40,8 +40,9 @@ def _adopted(piece: Piece, axes: list[Array]) -> Piece:
 
 def _about_axis(piece: Piece, origin: Array, axis: Array) -> Primitive | None:
     """The primitive of the same kind about an axis that is nearest to the points and the normals of the fit."""
-    height, radius, radial = about_axis(piece.evidence.points, origin, axis)
-    normals = piece.primitive.normal(piece.evidence.points) if piece.evidence.turns is None else piece.evidence.turns.normals
+    points, turns = piece.evidence.points, piece.evidence.turns
+    normals = piece.primitive.normal(points) if turns is None else turns.normals
+    height, radius, radial = about_axis(points, origin, axis)
     meridian = np.column_stack([radius, height])
     arrows = unit(np.column_stack([np.einsum("ij,ij->i", normals, radial), normals @ axis]))
     found = _ABOUT[piece.primitive.kind](origin, axis, meridian, arrows)

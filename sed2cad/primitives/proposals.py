@@ -208,7 +208,7 @@ def _equal_radius(pieces: Pieces, a: int, b: int, strain: float) -> Relation:
     a, b = sorted((a, b), key=lambda k: pieces[k].primitive.kind == "torus")
     tori = sum(pieces[k].primitive.kind == "torus" for k in (a, b))
     equation = EQUATIONS[("equal_radius", "equal_minor", "equal_minors")[tori]]
-    return Relation("equal_radius", a, b, equation, strain=strain)
+    return Relation("equal_radius", (a, b), equation, strain=strain)
 
 
 def propose_tangencies(pieces: Pieces, pairs: Iterable[tuple[int, int]]) -> list[Relation]:
@@ -222,11 +222,11 @@ def propose_tangencies(pieces: Pieces, pairs: Iterable[tuple[int, int]]) -> list
         same = (SAME[kinds[0]],) if kinds[0] == kinds[1] else ()
         misfit, way, sign = _nearest(pieces[a].primitive, pieces[b].primitive, same)
         if misfit < _SAME_MISFIT:
-            relations.append(Relation("same", a, b, way, sign, misfit / _SAME_MISFIT))
+            relations.append(Relation("same", (a, b), way, sign, misfit / _SAME_MISFIT))
             continue
         misfit, way, sign = _nearest(pieces[a].primitive, pieces[b].primitive, TANGENCIES.get(kinds, ()))
         if misfit < _TANGENT_MISFIT:
-            relations.append(Relation("tangent", a, b, way, sign, misfit / _TANGENT_MISFIT))
+            relations.append(Relation("tangent", (a, b), way, sign, misfit / _TANGENT_MISFIT))
     return relations
 
 
@@ -242,7 +242,7 @@ def _nearest(a: Primitive, b: Primitive, ways: Sequence[Equation]) -> tuple[floa
 
 
 def _relation(kind: str, a: int, b: int, strain: float, sign: float = 1.0) -> Relation:
-    return Relation(kind, a, b, EQUATIONS[kind], sign, strain)
+    return Relation(kind, (a, b), EQUATIONS[kind], sign, strain)
 
 
 def _groups(pieces: Pieces, directions: Iterable[Relation]) -> list[list[int]]:
@@ -250,8 +250,9 @@ def _groups(pieces: Pieces, directions: Iterable[Relation]) -> list[list[int]]:
     groups = {index: [index] for index, entry in pieces.items() if entry.primitive.kind != "sphere"}
     for relation in directions:
         if relation.kind == "parallel":
-            groups[relation.a].append(relation.b)
-            groups.pop(relation.b)
+            a, b = relation.members
+            groups[a].append(b)
+            groups.pop(b)
     return list(groups.values())
 
 

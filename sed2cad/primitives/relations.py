@@ -1,4 +1,4 @@
-"""Exact relations between two primitives, as equations in the few numbers that place them.
+"""Exact relations between primitives, as equations in the few numbers that place them.
 
 Every primitive is described by eight numbers, its placement: direction (3), position (3) and two sizes. All
 equations work on whole stacks of placements and are analytic, so that a complex step differentiates them to
@@ -98,8 +98,8 @@ def placement_jacobian(primitive: Primitive) -> Array:
     return jacobian
 
 
-# p, q (n,), sign (n,) -> residuals (n, m) that vanish when the relation holds; lengths in the unit frame.
-Equation = Callable[[Placed, Placed, Stack], Stack]
+# p, q, ... (n,), number (n,) -> residuals (n, m) that vanish when the relation holds; lengths in the unit frame.
+Equation = Callable[..., Stack]
 _rows = np.column_stack  # scalars (n,) and vectors (n, 3) side by side
 
 
@@ -285,15 +285,15 @@ SAME: dict[str, Equation] = {
 }
 
 
-def residuals(equation: Equation, p: Array, q: Array, sign: Array) -> Array:
-    """Residuals (n, m) for placements (n, 8)."""
-    return np.asarray(equation(Placed(p), Placed(q), sign))
+def residuals(equation: Equation, *stacks: Array) -> Array:
+    """Residuals (n, m) for the members' placements, (n, 8) each, and last the numbers (n,)."""
+    return np.asarray(equation(*map(Placed, stacks[:-1]), stacks[-1]))
 
 
-def residual_jacobian(equation: Equation, p: Array, q: Array, sign: Array) -> Array:
-    """Derivative (n, m, 16) of the residuals by the numbers of p and q, by a complex step."""
-    step, width = 1e-30, 2 * PLACEMENT
-    both = np.concatenate([p, q], axis=1)[:, None, :] + 1j * step * np.eye(width)
-    flat = both.reshape(-1, width)
-    changed = equation(Placed(flat[:, :PLACEMENT]), Placed(flat[:, PLACEMENT:]), np.repeat(sign, width))
-    return np.asarray(changed.imag / step).reshape(len(p), width, -1).transpose(0, 2, 1)
+def residual_jacobian(equation: Equation, *stacks: Array) -> Array:
+    """Derivative (n, m, 8 k) of the residuals by the numbers that place the k members, by a complex step."""
+    step, width = 1e-30, PLACEMENT * (len(stacks) - 1)
+    together = np.concatenate(stacks[:-1], axis=1)[:, None, :] + 1j * step * np.eye(width)
+    members = together.reshape(-1, len(stacks) - 1, PLACEMENT).swapaxes(0, 1)
+    changed = equation(*map(Placed, members), np.repeat(stacks[-1], width))
+    return np.asarray(changed.imag / step).reshape(len(stacks[0]), width, -1).transpose(0, 2, 1)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
 from sed2cad.primitives.base import Array, Primitive
@@ -29,13 +30,12 @@ _DEPENDENT = 1e-4  # a row of the constraints that adds less than this is implie
 
 @dataclass(frozen=True)
 class Relation:
-    """What two primitives are to each other."""
+    """What primitives are to each other."""
 
     kind: str
-    a: int  # index of the primitive that the equation calls p
-    b: int  # q
+    members: tuple[int, ...]  # indices of the primitives that the equation calls p, q, ...
     equation: Equation
-    sign: float = 1.0
+    number: float = 1.0  # a sign, or the angle or length that the equation is about
     strain: float = 0.0  # violation before, in units of what is tolerated
 
 
@@ -89,14 +89,14 @@ def satisfy(
     Where relations contradict each other the less strained ones are met: check `violations` of the result.
     """
     current = dict(primitives)
-    layout = _layout(current, relations)
+    layout = layout_of(current, relations)
     history: list[float] = []
     for turn in range(_STEPS + _LAST_STEPS):
-        values, rows, trust = _constraints(current, relations, layout)
+        values, rows, trust = linearised(current, relations, layout)
         history.append(float(np.abs(values).max(initial=0.0)))
         if turn > 7 and history[-1] > max(1e-6, 0.8 * history[-5]):
             break  # a contradiction
-        hessian, gradient = _fit_terms(current, evidence, layout)
+        hessian, gradient = fit_terms(current, evidence, layout)
         onto, along = _null_space_steps(hessian, gradient, rows * trust[:, None], values * trust)
         step = _shortened(onto) + (_shortened(along) if turn < _STEPS else 0)
         current = _moved(current, step, layout)
@@ -110,10 +110,15 @@ def _shortened(step: Array) -> Array:
     return step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
 
 
+def members_of(relations: Iterable[Relation]) -> set[int]:
+    """All primitives that the relations are about."""
+    return {index for relation in relations for index in relation.members}
+
+
 def violations(primitives: Mapping[int, Primitive], relations: Sequence[Relation]) -> Array:
     """The largest residual of each relation (k,)."""
     found, placements = np.zeros(len(relations)), _placements(primitives, relations)
-    for equation, members in _by_equation(relations).items():
+    for equation, members in by_equation(relations).items():
         sides = _sides(placements, [relations[k] for k in members])
         found[members] = np.abs(residuals(equation, *sides)).max(axis=1)
     return found
@@ -129,12 +134,12 @@ def tensions(
 
     About the fall of chi^2 if it were given up.
     """
-    layout = _layout(after, relations)
-    moved, rows = _constraints(before, relations, layout)[0], _constraints(after, relations, layout)[1]
-    _, gradient = _fit_terms(after, evidence, layout)
+    layout = layout_of(after, relations)
+    moved, rows = linearised(before, relations, layout)[0], linearised(after, relations, layout)[1]
+    _, gradient = fit_terms(after, evidence, layout)
     work = np.linalg.lstsq(rows.T, -gradient, rcond=_DEPENDENT)[0] * moved
     found, start = np.zeros(len(relations)), 0
-    for members in _by_equation(relations).values():
+    for members in by_equation(relations).values():
         width = _row_count(relations[members[0]], before)
         share = work[start : start + width * len(members)].reshape(len(members), width)
         found[members] = np.abs(share.sum(axis=1))
@@ -142,11 +147,11 @@ def tensions(
     return found
 
 
-def _layout(primitives: Mapping[int, Primitive], relations: Sequence[Relation]) -> dict[int, slice]:
+def layout_of(primitives: Mapping[int, Primitive], relations: Sequence[Relation]) -> dict[int, slice]:
     """Which unknowns belong to which of the related primitives."""
     layout: dict[int, slice] = {}
     start = 0
-    for index in sorted({index for relation in relations for index in (relation.a, relation.b)}):
+    for index in sorted(members_of(relations)):
         layout[index] = slice(start, start + primitives[index].freedom)
         start += primitives[index].freedom
     return layout
@@ -156,7 +161,8 @@ def _unknowns(layout: dict[int, slice]) -> int:
     return max((part.stop for part in layout.values()), default=0)
 
 
-def _by_equation(relations: Sequence[Relation]) -> dict[Equation, list[int]]:
+def by_equation(relations: Sequence[Relation]) -> dict[Equation, list[int]]:
+    """Places in the list of the relations with one equation."""
     groups: dict[Equation, list[int]] = {}
     for k, relation in enumerate(relations):
         groups.setdefault(relation.equation, []).append(k)
@@ -169,39 +175,38 @@ def _row_count(relation: Relation, primitives: Mapping[int, Primitive]) -> int:
 
 def _placements(primitives: Mapping[int, Primitive], relations: Sequence[Relation]) -> dict[int, Array]:
     """The placement (8,) of every related primitive."""
-    indices = {index for relation in relations for index in (relation.a, relation.b)}
-    return {index: placement(primitives[index]) for index in indices}
+    return {index: placement(primitives[index]) for index in members_of(relations)}
 
 
-def _sides(placements: Mapping[int, Array], relations: Sequence[Relation]) -> tuple[Array, Array, Array]:
-    """Placements (k, 8) of both sides and signs (k,)."""
-    p = np.stack([placements[relation.a] for relation in relations])
-    q = np.stack([placements[relation.b] for relation in relations])
-    return p, q, np.array([relation.sign for relation in relations])
+def _sides(placements: Mapping[int, Array], relations: Sequence[Relation]) -> list[Array]:
+    """Placements (k, 8) of all first members, all second ones, ..., and the numbers (k,)."""
+    members = zip(*(relation.members for relation in relations))
+    sides = [np.stack([placements[index] for index in side]) for side in members]
+    return [*sides, np.array([relation.number for relation in relations])]
 
 
-def _constraints(
+def linearised(
     primitives: Mapping[int, Primitive], relations: Sequence[Relation], layout: dict[int, slice]
 ) -> tuple[Array, Array, Array]:
     """All residuals (m,), their derivatives (m, unknowns) and trust (m,), equation by equation."""
     charts = {index: placement_jacobian(primitives[index]) for index in layout}
     placements, unknowns = _placements(primitives, relations), _unknowns(layout)
     values, rows, trust = [np.zeros(0)], [np.zeros((0, unknowns))], [np.zeros(0)]
-    for equation, members in _by_equation(relations).items():
+    for equation, members in by_equation(relations).items():
         chosen = [relations[k] for k in members]
         sides = _sides(placements, chosen)
         values.append(residuals(equation, *sides).ravel())
         slopes = residual_jacobian(equation, *sides)
         block = np.zeros((*slopes.shape[:2], unknowns))
         for row, slope, relation in zip(block, slopes, chosen):
-            row[:, layout[relation.a]] += slope[:, :PLACEMENT] @ charts[relation.a]
-            row[:, layout[relation.b]] += slope[:, PLACEMENT:] @ charts[relation.b]
+            for k, index in enumerate(relation.members):
+                row[:, layout[index]] += slope[:, PLACEMENT * k : PLACEMENT * (k + 1)] @ charts[index]
         rows.append(block.reshape(-1, unknowns))
         trust.append(np.repeat([1 / (0.2 + relation.strain) for relation in chosen], slopes.shape[1]))
     return np.concatenate(values), np.vstack(rows), np.concatenate(trust)
 
 
-def _fit_terms(
+def fit_terms(
     primitives: Mapping[int, Primitive], evidence: Mapping[int, Evidence], layout: dict[int, slice]
 ) -> tuple[Array, Array]:
     """Normal matrix (unknowns, unknowns) and gradient of the weighted squares of the distances."""
@@ -219,9 +224,7 @@ def _null_space_steps(hessian: Array, gradient: Array, rows: Array, values: Arra
     """
     if not len(gradient):
         return gradient, gradient
-    base, triangle, order = qr(rows.T, pivoting=True)
-    pivots = np.abs(np.diag(triangle))
-    rank = int((pivots > _DEPENDENT * pivots[0]).sum()) if len(pivots) and pivots[0] > 0 else 0
+    base, triangle, order, rank = _split(rows)
     onto = np.zeros(len(gradient))
     if rank:
         onto = base[:, :rank] @ solve_triangular(triangle[:rank, :rank], -values[order[:rank]], trans="T")
@@ -231,6 +234,20 @@ def _null_space_steps(hessian: Array, gradient: Array, rows: Array, values: Arra
     pull = scale * (free.T @ (gradient + hessian @ onto))
     along = -free @ (scale * np.linalg.solve(reduced * scale[:, None] * scale, pull))
     return onto, np.asarray(along)
+
+
+def _split(rows: Array) -> tuple[Array, Array, NDArray[np.int64], int]:
+    """Orthonormal base, triangle, order and rank: base[:, :rank] spans the rows, the rest leaves them alone."""
+    base, triangle, order = qr(rows.T, pivoting=True)
+    pivots = np.abs(np.diag(triangle))
+    rank = int((pivots > _DEPENDENT * pivots[0]).sum()) if len(pivots) and pivots[0] > 0 else 0
+    return base, triangle, order, rank
+
+
+def null_space(rows: Array) -> Array:
+    """Orthonormal columns (unknowns, free): the changes that keep all of the relations."""
+    base, _, _, rank = _split(rows)
+    return np.asarray(base[:, rank:])
 
 
 def _moved(

@@ -19,7 +19,7 @@ from sed2cad.model import CadModel
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.names import primitive_names
 from sed2cad.primitives.registry import primitive_class
-from sed2cad.report.report import Deviation, FaceSummary, Report
+from sed2cad.report.report import ConstraintSummary, Deviation, FaceSummary, Report
 from sed2cad.scan.scan import Frame
 from sed2cad.topology.model import Chain, Region, Topology
 
@@ -140,10 +140,14 @@ def _report(entry: dict[str, Any]) -> Report:
         **{k: entry[k] for k in ("closed", "rung", "reason", "faces", "exact_faces", "volume")},
         deviation=deviation,
         face_list=tuple(FaceSummary(**face) for face in entry["face_list"]),
-        constraints=tuple(entry["constraints"]),
+        constraints=tuple(_constraint(constraint) for constraint in entry["constraints"]),
         seconds=tuple((str(stage), float(t)) for stage, t in entry["seconds"]),
         warnings=tuple(entry["warnings"]),
     )
+
+
+def _constraint(entry: dict[str, Any]) -> ConstraintSummary:
+    return ConstraintSummary(**{**entry, "faces": tuple(entry["faces"])})
 
 
 def _plain(value: Any) -> Any:

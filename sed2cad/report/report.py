@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,29 @@ class FaceSummary:
 
 
 @dataclass(frozen=True)
+class ConstraintSummary:
+    """What was made exact. Lengths in the scan's unit, angles in degrees."""
+
+    kind: str  # as in constraints.Constraint
+    faces: tuple[str, ...]  # names of the primitives
+    off: float  # by how much it did not hold before
+    angular: bool  # whether `off` and the values are angles
+    measure: str = ""  # of a dimension: radius, distance, half_angle, ...
+    before: float | None = None  # value of the dimension without this constraint
+    after: float | None = None
+    detail: str = ""  # of a pattern: "every 60 degrees"
+
+    def __str__(self) -> str:
+        """"coaxial: cylinder_1, cylinder_2 (was off by 0.013)"."""
+        unit = " degrees" if self.angular else ""
+        change = f"was off by {self.off:.3g}{unit}"
+        if self.before is not None and self.after is not None:
+            change = f"{self.measure.replace('_', ' ')} {self.before:.6g} to {self.after:.6g}{unit}"
+        told = f"{self.detail}, {change}" if self.detail else change
+        return f"{self.kind.replace('_', ' ')}: {', '.join(self.faces)} ({told})"
+
+
+@dataclass(frozen=True)
 class Report:
     """How the solid was made and how good it is."""
 
@@ -39,14 +63,18 @@ class Report:
     volume: float  # unit^3
     deviation: Deviation
     face_list: tuple[FaceSummary, ...] = ()
-    constraints: tuple[str, ...] = ()  # "cylinder_1 coaxial cylinder_2 (0.013 deg)"
+    constraints: tuple[ConstraintSummary, ...] = ()
     seconds: tuple[tuple[str, float], ...] = ()  # per stage
     warnings: tuple[str, ...] = field(default=())
 
-    def for_variant(self, solid: AssemblyResult) -> Report:
-        """The report of a variant: what was measured on the scan no longer holds, what was built does."""
+    def for_variant(self, solid: AssemblyResult, changed: Collection[str]) -> Report:
+        """The report of a variant: what was measured on the scan no longer holds, what was built does.
+
+        Nor is anything claimed between the changed primitives, given by name, and others.
+        """
         unknown = Deviation(float("nan"), float("nan"), float("nan"))
         return replace(
             self, closed=solid.gate.passed, rung="variant", reason="", volume=solid.gate.volume,
+            constraints=tuple(c for c in self.constraints if not set(changed) & set(c.faces)),
             deviation=unknown, seconds=(), warnings=("a variant: it was not compared with the scan",),
         )

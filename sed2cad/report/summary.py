@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from sed2cad.assembly import FACETS, Assembly
+from sed2cad.assembly import FACETS, UNREGULARISED, Assembly
+from sed2cad.constraints import Constraint
 from sed2cad.primitives.names import primitive_names
-from sed2cad.regularize import Constraint
-from sed2cad.report.report import Deviation, FaceSummary, Report
+from sed2cad.report.report import ConstraintSummary, Deviation, FaceSummary, Report
 from sed2cad.scan.scan import Frame
 
-ANGULAR = ("parallel", "perpendicular")
+ANGULAR = ("parallel", "perpendicular", "angle", "half_angle")  # kinds and measures
 
 
 def summarise(
@@ -27,6 +28,8 @@ def summarise(
         warnings.append("the solid is made of facets: no exact one passed the checks")
     else:
         warnings += _replaced(assembly)
+    if assembly.rung == UNREGULARISED and assembly.failures:
+        warnings.append("nothing was made parallel, equal, ... or rounded: with that, no solid passed the checks")
     if not gate.passed:
         warnings.append(f"the solid did not pass all checks: {gate.reason}")
     freeform = sum(face.rung == "bspline" for face in faces)
@@ -41,7 +44,7 @@ def summarise(
         volume=gate.volume,
         deviation=Deviation(gate.rms, gate.p95, gate.max),
         face_list=faces,
-        constraints=tuple(_describe(c, names, frame.scale) for c in assembly.constraints),
+        constraints=tuple(_told(c, names, frame.scale) for c in assembly.constraints),
         seconds=seconds,
         warnings=tuple(warnings),
     )
@@ -60,10 +63,14 @@ def _replaced(assembly: Assembly) -> list[str]:
     return said
 
 
-def _describe(constraint: Constraint, names: tuple[str, ...], scale: float) -> str:
-    """"cylinder_1 coaxial cylinder_2 (was 0.013 off)": what was made exact and by how much."""
-    if constraint.kind in ANGULAR:
-        change = f"{math.degrees(constraint.residual):.3g} degrees"
-    else:
-        change = f"{constraint.residual * scale:.3g}"
-    return f"{names[constraint.a]} {constraint.kind} {names[constraint.b]} (was off by {change})"
+def _told(constraint: Constraint, names: tuple[str, ...], scale: float) -> ConstraintSummary:
+    """A constraint in the scan's unit and degrees."""
+    angular = constraint.kind in ANGULAR or constraint.measure in ANGULAR
+    unit = 180 / math.pi if angular else scale
+    faces = tuple(names[index] for index in constraint.patches)
+    told = ConstraintSummary(
+        constraint.kind, faces, constraint.residual * unit, angular, constraint.measure, detail=constraint.detail
+    )
+    if not constraint.measure:
+        return told
+    return replace(told, before=constraint.before * unit, after=constraint.after * unit)

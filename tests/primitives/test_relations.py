@@ -9,6 +9,7 @@ from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.proposals import piece
 from sed2cad.primitives.relations import (
     EQUATIONS,
     SAME,
@@ -19,6 +20,7 @@ from sed2cad.primitives.relations import (
     residual_jacobian,
     residuals,
 )
+from sed2cad.primitives.settle import settle
 from sed2cad.primitives.solve_relations import Evidence, Relation, satisfy, violations
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.primitives.torus import Torus
@@ -104,7 +106,7 @@ def test_satisfied_relations_hold_exactly_and_the_points_still_pull() -> None:
         0: Plane(np.array([0.01, 0.0, 1.0]) / np.hypot(1, 0.01), 0.1),
         1: Cylinder(np.array([1.0, 0.01, 0.0]) / np.hypot(1, 0.01), O, 0.1),
     }
-    relation = Relation("tangent", 0, 1, TANGENCIES["plane", "cylinder"][0], -1.0)
+    relation = Relation("tangent", (0, 1), TANGENCIES["plane", "cylinder"][0], -1.0)
     evidence = {0: Evidence(flat, np.full(200, 1e6)), 1: Evidence(round_, np.full(200, 1e6))}
     solved = satisfy(primitives, [relation], evidence)
     assert violations(solved, [relation]).max() < 1e-11
@@ -115,13 +117,23 @@ def test_satisfied_relations_hold_exactly_and_the_points_still_pull() -> None:
     assert 0.1 < plane.offset < 0.1005
 
 
+def test_given_relations_are_not_dropped_for_proposed_ones() -> None:
+    """Two parallel planes 0.3 apart, known to 1e-4: proposed to be one, or at right angles, they stay parallel."""
+    flat = plane_patch(np.random.default_rng(3), 50).points
+    pieces = {k: piece(Plane(Z, 0.3 * k), flat + 0.3 * k * Z, np.tile(Z, (len(flat), 1)), 1e-4, np.inf) for k in range(2)}
+    parallel, *wrong = (Relation(kind, (0, 1), EQUATIONS[kind]) for kind in ("parallel", "perpendicular", "coplanar"))
+    settled, kept = settle(pieces, wrong, [parallel])
+    assert kept == [parallel]
+    assert placement(settled[1].primitive) == pytest.approx(placement(pieces[1].primitive))
+
+
 def test_a_contradiction_is_left_over_and_the_less_strained_relation_met() -> None:
     primitives: dict[int, Primitive] = {0: Plane(Z, 0.0), 1: Plane(Z, 0.001)}
     points = plane_patch(np.random.default_rng(3), 50).points
     evidence = {0: Evidence(points, np.ones(50)), 1: Evidence(points, np.ones(50))}
     relations = [
-        Relation("perpendicular", 0, 1, EQUATIONS["perpendicular"], strain=0.9),
-        Relation("coplanar", 0, 1, EQUATIONS["coplanar"], strain=0.1),
+        Relation("perpendicular", (0, 1), EQUATIONS["perpendicular"], strain=0.9),
+        Relation("coplanar", (0, 1), EQUATIONS["coplanar"], strain=0.1),
     ]
     left = violations(satisfy(primitives, relations, evidence), relations)
     assert left[0] > 0.1
