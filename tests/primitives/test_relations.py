@@ -120,7 +120,8 @@ def test_satisfied_relations_hold_exactly_and_the_points_still_pull() -> None:
 def test_given_relations_are_not_dropped_for_proposed_ones() -> None:
     """Two parallel planes 0.3 apart, known to 1e-4: proposed to be one, or at right angles, they stay parallel."""
     flat = plane_patch(np.random.default_rng(3), 50).points
-    pieces = {k: piece(Plane(Z, 0.3 * k), flat + 0.3 * k * Z, np.tile(Z, (len(flat), 1)), 1e-4, np.inf) for k in range(2)}
+    up = np.tile(Z, (50, 1))
+    pieces = {k: piece(Plane(Z, 0.3 * k), flat + 0.3 * k * Z, up, 1e-4, np.inf) for k in range(2)}
     parallel, *wrong = (Relation(kind, (0, 1), EQUATIONS[kind]) for kind in ("parallel", "perpendicular", "coplanar"))
     settled, kept = settle(pieces, wrong, [parallel])
     assert kept == [parallel]
