@@ -8,12 +8,14 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
 
 from sed2cad.evaluation.bound import chart_coordinates, cramer_rao
 from sed2cad.evaluation.choice import STRENGTHS, ChoiceScores, choose, ladder
+from sed2cad.evaluation.spline_patches import SplinePatchScores, score_spline_patches, spline_files
 from sed2cad.evaluation.true_patches import FREEFORM, TruePatch, true_patch
 from sed2cad.fitting import fit, fit_patches
 from sed2cad.primitives.base import Array, Patch, Primitive
@@ -101,12 +103,19 @@ class FittingResult:
     ladder: tuple[ChoiceScores, ...]  # near the limit of what can be told apart
     splines: tuple[SplineScores, ...]
     part_seconds: float  # to fit the patches of a part of 40 faces
+    spline_patches: tuple[SplinePatchScores, ...]  # of real parts, where some were given
     seconds: float
 
 
-def evaluate_fitting(settings: FittingSettings, progress: Progress | None = None) -> FittingResult:
-    """Fit every cell, with several processes; the time of a part is taken after them."""
+def evaluate_fitting(
+    settings: FittingSettings, parts: Path | None = None, progress: Progress | None = None
+) -> FittingResult:
+    """Fit every cell, with several processes; then the time of a part is taken, then a folder of parts is looked at.
+
+    UsageError for a folder without parts.
+    """
     start = time.perf_counter()
+    files = [] if parts is None else spline_files(parts)
     jobs: list[tuple[Cell, int]] = [(cell, settings.seeds) for cell in _cells(settings, ANALYTIC_KINDS)]
     jobs += [(cell, settings.few_seeds) for cell in _cells(settings, FREEFORM)]
     found: list[tuple[CellScores | SplineScores, ChoiceScores | None] | None] = [None] * len(jobs)
@@ -124,6 +133,7 @@ def evaluate_fitting(settings: FittingSettings, progress: Progress | None = None
         near,
         tuple(scores for scores, _ in rows if isinstance(scores, SplineScores)),
         part_seconds,
+        score_spline_patches(files),
         time.perf_counter() - start,
     )
 
