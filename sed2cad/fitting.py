@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.freeform_fit import fit_freeform
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.refine import is_degenerate, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
@@ -51,7 +52,7 @@ def fit(kind: str, points: Array, normals: Array, noise: float) -> tuple[Primiti
     if len(points) < 3 or (kind == "bspline" and len(points) < 6):
         return None
     if kind == "bspline":
-        surface = fit_bspline(*thinned(points, normals, _MOST_SPLINE_POINTS), noise)
+        surface = fit_freeform(*thinned(points, normals, _MOST_SPLINE_POINTS), noise)
         return None if surface is None else _measured(surface, points, points, noise)
     found = robust_fit(kind, points, normals, noise)
     return None if found is None else _measured(found[0], points, found[1], noise)
@@ -84,7 +85,8 @@ def select(
     costs -= 2 * np.array([prior.get(entry.primitive.kind, 0.0) for entry in found])
     best = int(np.argmin(costs))
     chosen = found[best].primitive
-    final = fit(chosen.kind, points, normals, noise) if len(points) > len(few[0]) else None
+    more = len(points) > len(few[0]) and chosen.kind != "bspline"
+    final = fit(chosen.kind, points, normals, noise) if more else None
     primitive, rms, covariance = final or _measured(chosen, points, points, noise)
     return FittedPrimitive(primitive, rms, covariance, float(costs[best]))
 
@@ -116,6 +118,8 @@ def _fit_patch(scan: Scan, patch: Patch) -> FittedPatch:
     if found is None:
         chosen = select(points, normals, scan.noise) if len(points) >= 3 else None
         found = (chosen.primitive, chosen.rms, chosen.covariance) if chosen else _any_plane(points, normals)
+        if chosen and chosen.primitive.kind == "bspline":  # the choice was a quick one
+            found = fit("bspline", points, normals, scan.noise) or found
     primitive, rms, covariance = found
     return FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
 

@@ -20,7 +20,7 @@ from sed2cad.training.cad_mesh import evaluate, faces_of, mesh_of, read_shape
 from sed2cad.training.dataset import SUFFIXES, load_part, packed_parts
 from sed2cad.training.labelled_part import LabelledPart
 
-POINTS = 3_000  # of each patch that the fit sees
+POINTS = 5_000  # of each patch that the fit sees
 CLOSE = 1e-4  # rms over the size that is asked for
 _PROBES = 2_000  # of each patch that it is measured on: others
 _WORST = 12  # rows of the table

@@ -1,0 +1,109 @@
+"""The freeform patch that explains points best: over a base where that does, else a control net."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sed2cad.primitives.base import Array
+from sed2cad.primitives.bspline import BSplineSurface
+from sed2cad.primitives.bspline_fit import belonging, fit_bspline
+from sed2cad.primitives.net_fit import FINEST, NetFit, fit_net, stiffened
+from sed2cad.primitives.tensor_patch import TensorPatch
+from sed2cad.primitives.unroll import Unrolled, unrolled
+
+_ENOUGH = 2e-5  # rms of a patch over a base that no net need improve, unit frame
+_REACHED = 1.1  # noises
+_BETTER = 0.7  # of the rms over a base: that of a net worth having
+_FOLDED = 0.005  # share of places where the net may turn its back on the points near by: their border
+_STIFFER = (1e-5, 1e-3, 1e-2, 1e-1)  # smoothing that may take folds out
+_NEAR_BASE = 0.01  # of the size: rms over a base that is a good start
+_MAD = 1.4826  # median of absolute values to standard deviation
+
+
+def fit_freeform(points: Array, normals: Array, noise: float = 0.0) -> TensorPatch | None:
+    """The cubic patch through points (n, 3) with unit normals (n, 3); None for fewer than 6.
+
+    A patch over a plane or about an axis, where that reaches the noise; else the control net that comes nearest,
+    where it is much nearer and has no folds.
+    """
+    over_base = fit_bspline(points, normals, noise)
+    if over_base is None or _explains(over_base, points, noise):
+        return over_base
+    if noise > 0:
+        belong = belonging(points, normals)
+        points, normals = points[belong], normals[belong]
+    best: TensorPatch = over_base
+    least = _BETTER * _rms(over_base, points)
+    for start in _starts(points, normals, over_base):
+        found = fit_net(points, start, noise)
+        found = None if found is None or found.rms >= least else _unfolded(found, points, normals)
+        if found is None or found.rms >= least:
+            continue
+        best, least = found.surface, found.rms
+        if least <= max(_REACHED * noise, FINEST):
+            break
+    return best
+
+
+def _unfolded(fit: NetFit, points: Array, normals: Array) -> NetFit | None:
+    """The net, or a stiffer one without folds; None where even that has some."""
+    if not folded(fit, points, normals):
+        return fit
+    for smoothing in _STIFFER:
+        if smoothing > fit.grid.smoothing and not folded(stiff := stiffened(points, fit, smoothing), points, normals):
+            return stiff
+    return None
+
+
+def folded(fit: NetFit, points: Array, normals: Array) -> bool:
+    """Whether the net's normals turn over: at the points (n, 3) or, near them, in between."""
+    low, high = fit.surface.domain
+    _, du, dv = fit.surface.tangents(fit.uv)
+    side = np.einsum("ij,ij->i", np.cross(du, dv), normals)
+    if np.minimum((side > 0).mean(), (side < 0).mean()) > _FOLDED:
+        return True
+    scale = (high - low) / np.sqrt(len(points))
+    rng = np.random.default_rng(0)
+    between = np.clip(fit.uv + scale * rng.uniform(-1, 1, fit.uv.shape), low, high)
+    _, du, dv = fit.surface.tangents(between)
+    same = np.einsum("ij,ij->i", np.cross(du, dv), normals) * np.sign(np.median(side)) > 0
+    return bool((~same).mean() > 2 * _FOLDED)
+
+
+def _starts(points: Array, normals: Array, over_base: BSplineSurface) -> Iterator[Unrolled]:
+    """Base parameters worth trying, likely ones first."""
+    size = float(np.ptp(points, axis=0).max())
+    near = _rms(over_base, points) < _NEAR_BASE * size
+    if near:
+        yield _of_base(over_base, points)
+    yield from unrolled(points, normals)
+    if not near:
+        yield _of_base(over_base, points)
+
+
+def _of_base(surface: BSplineSurface, points: Array) -> Unrolled:
+    """The feet of points (n, 3) on a patch over a base, as lengths."""
+    uv = surface.foot(points)
+    if surface.base == "plane":
+        return Unrolled(uv, 0.0, 0.0)
+    radius = float(np.median(surface.base_coordinates(points)[1]))
+    angle = np.sort(uv[:, 0])
+    gap = np.append(np.diff(angle), angle[0] + 2 * np.pi - angle[-1])
+    if gap.max() < 0.2:
+        return Unrolled(np.column_stack([np.mod(uv[:, 0], 2 * np.pi) * radius, uv[:, 1]]), 2 * np.pi * radius, 0.0)
+    first = angle[(int(gap.argmax()) + 1) % len(angle)]
+    return Unrolled(np.column_stack([np.mod(uv[:, 0] - first, 2 * np.pi) * radius, uv[:, 1]]), 0.0, 0.0)
+
+
+def _explains(surface: BSplineSurface, points: Array, noise: float) -> bool:
+    """Whether nothing is left to explain; outliers are not."""
+    distance = surface.distance(points)
+    if np.sqrt(np.mean(distance**2)) <= max(_REACHED * noise, _ENOUGH):
+        return True
+    return noise > 0 and _MAD * float(np.median(np.abs(distance))) <= _REACHED * noise
+
+
+def _rms(surface: BSplineSurface, points: Array) -> float:
+    return float(np.sqrt(np.mean(surface.distance(points) ** 2)))
