@@ -19,7 +19,8 @@ _BETTER = 0.7  # of the rms over a base: that of a net worth having
 _FOLDED = 0.005  # share of places where the net may turn its back on the points near by: their border
 _STIFFER = (1e-5, 1e-3, 1e-2, 1e-1)  # smoothing that may take folds out
 _NEAR_BASE = 0.01  # of the size: rms over a base that is a good start
-_MAD = 1.4826  # median of absolute values to standard deviation
+_MOST = 0.7  # of the points: those that may not lie elsewhere
+_OF_MOST = 1.25 * 1.036  # noises that most distances are below; 1.036 of a normal distribution
 
 
 def fit_freeform(points: Array, normals: Array, noise: float = 0.0) -> TensorPatch | None:
@@ -29,11 +30,13 @@ def fit_freeform(points: Array, normals: Array, noise: float = 0.0) -> TensorPat
     where it is much nearer and has no folds.
     """
     over_base = fit_bspline(points, normals, noise)
-    if over_base is None or _explains(over_base, points, noise):
-        return over_base
+    if over_base is None:
+        return None
     if noise > 0:
         belong = belonging(points, normals)
         points, normals = points[belong], normals[belong]
+    if _explains(over_base, points, noise):
+        return over_base
     best: TensorPatch = over_base
     least = _BETTER * _rms(over_base, points)
     for start in _starts(points, normals, over_base):
@@ -98,11 +101,11 @@ def _of_base(surface: BSplineSurface, points: Array) -> Unrolled:
 
 
 def _explains(surface: BSplineSurface, points: Array, noise: float) -> bool:
-    """Whether nothing is left to explain; outliers are not."""
-    distance = surface.distance(points)
+    """Whether nothing is left to explain, or but for some points that may lie elsewhere."""
+    distance = np.abs(surface.distance(points))
     if np.sqrt(np.mean(distance**2)) <= max(_REACHED * noise, _ENOUGH):
         return True
-    return noise > 0 and _MAD * float(np.median(np.abs(distance))) <= _REACHED * noise
+    return float(np.quantile(distance, _MOST)) <= _OF_MOST * noise
 
 
 def _rms(surface: BSplineSurface, points: Array) -> float:

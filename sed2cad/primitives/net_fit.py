@@ -28,12 +28,13 @@ _STRIP = 8.0  # widths
 _STRAIGHT = 1e-3  # the same where there are no points
 _LONELY = 4.0  # spacings of the parameters to the nearest points where there are none
 _TIE = 1e-10  # of all control points to where they are
-_MARGIN = 1.0  # spacings of the points, left around them
+_MARGIN = 4.0  # spacings of the points, left around them
 _MOST_MARGIN = 0.1  # of the extent
 _SLICE = 2.0  # lengths of a first span, in widths
 _MOST_FIRST = 128  # spans along u at first
 _ROUNDS = 12  # of splits
 _CORRECTIONS = 4  # of the parameters between two splits, at most
+_FOOT_STEPS = 3  # towards the feet of the points, each time
 _GAIN = 0.85  # a correction must bring the rms down to this for another one
 _LEAST_GAIN = 0.95  # of a round of splits
 _PER_SPAN = 4  # points of a span that may be split
@@ -169,7 +170,7 @@ def _corrected(points: Array, fit: NetFit) -> NetFit:
 
 def _with_feet(points: Array, fit: NetFit) -> NetFit:
     """The same net with the points' parameters at their feet, and the rms distance."""
-    uv = fit.surface.foot(points, fit.uv)
+    uv = fit.surface.foot(points, fit.uv, _FOOT_STEPS)
     gap = points - fit.surface.at(uv)
     return replace(fit, uv=uv, rms=float(np.sqrt(np.mean(np.einsum("ij,ij->i", gap, gap)))))
 

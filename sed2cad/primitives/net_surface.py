@@ -64,14 +64,14 @@ class NetSurface(TensorPatch):
         tree, uv = self._samples
         return np.asarray(uv[tree.query(points)[1]])
 
-    def foot(self, points: Array, start: Array | None = None) -> Array:
+    def foot(self, points: Array, start: Array | None = None, steps: int = _FOOT_STEPS) -> Array:
         """Parameters (n, 2) of the nearest points: damped Gauss-Newton that slides along the borders."""
         uv = self._clipped(self._first_guess(points) if start is None else start)
         surface, du, dv = self.tangents(uv)
         gap = points - surface
         square, share = np.einsum("ij,ij->i", gap, gap), np.ones(len(points))
         active = np.arange(len(points))
-        for _ in range(_FOOT_STEPS):
+        for _ in range(steps):
             step = share[active, None] * self._step(uv[active], gap[active], du[active], dv[active])
             moving = np.abs(step).max(axis=1, initial=0.0) > _RESTING * self._length
             active, step = active[moving], step[moving]
