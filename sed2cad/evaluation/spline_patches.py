@@ -15,6 +15,8 @@ from sed2cad.evaluation.tables import aligned
 from sed2cad.fitting import fit
 from sed2cad.network.types import BSPLINE
 from sed2cad.primitives.base import Array, Primitive
+from sed2cad.primitives.bspline import BSplineSurface
+from sed2cad.primitives.net_surface import NetSurface
 from sed2cad.training.cad import label_part
 from sed2cad.training.cad_mesh import evaluate, faces_of, mesh_of, read_shape
 from sed2cad.training.dataset import SUFFIXES, load_part, packed_parts
@@ -162,9 +164,11 @@ def _way(normals: Array, part: LabelledPart, triangles: NDArray[np.int64]) -> fl
 
 
 def _shape(primitive: Primitive) -> tuple[str, int]:
-    """What a freeform surface stands on, and its number of control points."""
-    base, heights = getattr(primitive, "base", primitive.kind), getattr(primitive, "heights", np.zeros(0))
-    return str(base), len(heights.reshape(-1, 3)) if base == "net" else heights.size
+    """What a freeform surface stands on, and its number of control points or heights."""
+    if isinstance(primitive, NetSurface):
+        return ("closed net" if primitive.closed else "open net"), primitive.net.size // 3
+    assert isinstance(primitive, BSplineSurface)
+    return primitive.base, primitive.heights.size
 
 
 def spline_patches_text(rows: Sequence[SplinePatchScores]) -> str:

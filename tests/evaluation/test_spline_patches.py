@@ -9,19 +9,14 @@ from sed2cad.errors import UsageError
 from sed2cad.evaluation.spline_patches import score_spline_patches, spline_files, spline_patches_text, true_splines
 from sed2cad.fitting import fit
 from sed2cad.training.cad import label_part
-from tests.training.cadparts import write
+from tests.training.cadparts import wavy_bar, write
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """A bar with a wavy side (a spline extruded along z), packed and as a CAD file."""
-    from build123d import Edge, Face, Polyline, Solid, Wire
-
-    bend = Edge.make_spline([(0, 0, 0), (3, 1, 0), (6, -1, 0), (10, 0, 0)])
-    sides = Polyline((10, 0, 0), (10, -5, 0), (0, -5, 0), (0, 0, 0)).edges()
-    bar = Solid.extrude(Face(Wire([bend, *sides])), (0, 0, 4))
+    """A bar with a wavy side, packed and as a CAD file."""
     folder = tmp_path_factory.mktemp("bar")
-    cad = write(bar, folder / "bar.brep")
+    cad = write(wavy_bar(), folder / "bar.brep")
     label_part(cad).save(folder / "bar.npz")
     return folder / "bar.npz", cad
 
