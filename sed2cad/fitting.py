@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sed2cad.network.predict_net import predicted_starts
 from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import fit_bspline
@@ -52,7 +53,7 @@ def fit(kind: str, points: Array, normals: Array, noise: float) -> tuple[Primiti
     if len(points) < 3 or (kind == "bspline" and len(points) < 6):
         return None
     if kind == "bspline":
-        surface = fit_freeform(*thinned(points, normals, _MOST_SPLINE_POINTS), noise)
+        surface = fit_freeform(*thinned(points, normals, _MOST_SPLINE_POINTS), noise, predicted_starts)
         return None if surface is None else _measured(surface, points, points, noise)
     found = robust_fit(kind, points, normals, noise)
     return None if found is None else _measured(found[0], points, found[1], noise)

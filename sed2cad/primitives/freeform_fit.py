@@ -2,32 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import belonging, fit_bspline
-from sed2cad.primitives.net_fit import FINEST, NetFit, fit_net, stiffened
+from sed2cad.primitives.net_fit import NetFit, fit_net, stiffened
 from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.primitives.unroll import Unrolled, unrolled
+
+Starts = Callable[[Array, Array], Iterable[Unrolled]]
+"""Base parameters for points (n, 3) with unit normals (n, 3)."""
 
 _ENOUGH = 2e-5  # rms of a patch over a base that no net need improve, unit frame
 _REACHED = 1.1  # noises
 _BETTER = 0.7  # of the rms over a base: that of a net worth having
 _FOLDED = 0.005  # share of places where the net may turn its back on the points near by: their border
 _STIFFER = (1e-5, 1e-3, 1e-2, 1e-1)  # smoothing that may take folds out
-_NEAR_BASE = 0.01  # of the size: rms over a base that is a good start
+_NEAR_BASE = 0.02  # of the size: rms over a base that is a start
 _MOST = 0.7  # of the points: those that may not lie elsewhere
 _OF_MOST = 1.25 * 1.036  # noises that most distances are below; 1.036 of a normal distribution
 
 
-def fit_freeform(points: Array, normals: Array, noise: float = 0.0) -> TensorPatch | None:
+def fit_freeform(
+    points: Array, normals: Array, noise: float = 0.0, predicted: Starts | None = None
+) -> TensorPatch | None:
     """The cubic patch through points (n, 3) with unit normals (n, 3); None for fewer than 6.
 
     A patch over a plane or about an axis, where that reaches the noise; else the control net that comes nearest,
-    where it is much nearer and has no folds.
+    where it is much nearer and has no folds. Nets are fitted from base parameters: those of the base, of the sheet
+    unrolled and, where these do not reach the noise, `predicted` ones (SplineNet's).
     """
     over_base = fit_bspline(points, normals, noise)
     if over_base is None:
@@ -39,13 +45,13 @@ def fit_freeform(points: Array, normals: Array, noise: float = 0.0) -> TensorPat
         return over_base
     best: TensorPatch = over_base
     least = _BETTER * _rms(over_base, points)
-    for start in _starts(points, normals, over_base):
+    for start in _starts(points, normals, over_base, predicted):
         found = fit_net(points, start, noise)
         found = None if found is None or found.rms >= least else _unfolded(found, points, normals)
         if found is None or found.rms >= least:
             continue
         best, least = found.surface, found.rms
-        if least <= max(_REACHED * noise, FINEST):
+        if least <= max(_REACHED * noise, _ENOUGH):
             break
     return best
 
@@ -75,15 +81,15 @@ def folded(fit: NetFit, points: Array, normals: Array) -> bool:
     return bool((~same).mean() > 2 * _FOLDED)
 
 
-def _starts(points: Array, normals: Array, over_base: BSplineSurface) -> Iterator[Unrolled]:
+def _starts(
+    points: Array, normals: Array, over_base: BSplineSurface, predicted: Starts | None
+) -> Iterator[Unrolled]:
     """Base parameters worth trying, likely ones first."""
-    size = float(np.ptp(points, axis=0).max())
-    near = _rms(over_base, points) < _NEAR_BASE * size
-    if near:
-        yield _of_base(over_base, points)
     yield from unrolled(points, normals)
-    if not near:
+    if _rms(over_base, points) < _NEAR_BASE * float(np.ptp(points, axis=0).max()):
         yield _of_base(over_base, points)
+    if predicted:
+        yield from predicted(points, normals)
 
 
 def _of_base(surface: BSplineSurface, points: Array) -> Unrolled:
