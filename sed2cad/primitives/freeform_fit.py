@@ -18,6 +18,7 @@ Starts = Callable[[Array, Array], Iterable[Unrolled]]
 
 _ENOUGH = 2e-5  # rms of a patch over a base that no net need improve, unit frame
 _REACHED = 1.1  # noises
+_POOR = 5.0  # times what is enough: a net from which other starts are asked for
 _BETTER = 0.7  # of the rms over a base: that of a net worth having
 _FOLDED = 0.005  # share of places where the net may turn its back on the points near by: their border
 _STIFFER = (1e-5, 1e-3, 1e-2, 1e-1)  # smoothing that may take folds out
@@ -33,7 +34,7 @@ def fit_freeform(
 
     A patch over a plane or about an axis, where that reaches the noise; else the control net that comes nearest,
     where it is much nearer and has no folds. Nets are fitted from base parameters: those of the base, of the sheet
-    unrolled and, where these do not reach the noise, `predicted` ones (SplineNet's).
+    unrolled and, where these are far from the noise, `predicted` ones (SplineNet's).
     """
     over_base = fit_bspline(points, normals, noise)
     if over_base is None:
@@ -43,15 +44,26 @@ def fit_freeform(
         points, normals = points[belong], normals[belong]
     if _explains(over_base, points, noise):
         return over_base
-    best: TensorPatch = over_base
+    enough = max(_REACHED * noise, _ENOUGH)
     least = _BETTER * _rms(over_base, points)
-    for start in _starts(points, normals, over_base, predicted):
+    found = _best_net(_starts(points, normals, over_base), points, normals, noise, least, enough)
+    if predicted and (least if found is None else found.rms) > _POOR * enough:
+        limit = least if found is None else found.rms
+        found = _best_net(predicted(points, normals), points, normals, noise, limit, enough) or found
+    return over_base if found is None else found.surface
+
+
+def _best_net(
+    starts: Iterable[Unrolled], points: Array, normals: Array, noise: float, limit: float, enough: float
+) -> NetFit | None:
+    """The net of the least rms below `limit` without folds; what is `enough` ends the search."""
+    best = None
+    for start in starts:
         found = fit_net(points, start, noise)
-        found = None if found is None or found.rms >= least else _unfolded(found, points, normals)
-        if found is None or found.rms >= least:
-            continue
-        best, least = found.surface, found.rms
-        if least <= max(_REACHED * noise, _ENOUGH):
+        found = None if found is None or found.rms >= limit else _unfolded(found, points, normals)
+        if found is not None and found.rms < limit:
+            best, limit = found, found.rms
+        if limit <= enough:
             break
     return best
 
@@ -81,15 +93,11 @@ def folded(fit: NetFit, points: Array, normals: Array) -> bool:
     return bool((~same).mean() > 2 * _FOLDED)
 
 
-def _starts(
-    points: Array, normals: Array, over_base: BSplineSurface, predicted: Starts | None
-) -> Iterator[Unrolled]:
+def _starts(points: Array, normals: Array, over_base: BSplineSurface) -> Iterator[Unrolled]:
     """Base parameters worth trying, likely ones first."""
     yield from unrolled(points, normals)
     if _rms(over_base, points) < _NEAR_BASE * float(np.ptp(points, axis=0).max()):
         yield _of_base(over_base, points)
-    if predicted:
-        yield from predicted(points, normals)
 
 
 def _of_base(surface: BSplineSurface, points: Array) -> Unrolled:
