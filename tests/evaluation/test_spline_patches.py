@@ -1,11 +1,16 @@
 """The measurement of freeform fits on parts: exact points, fair to a good fit, hard on a biased one."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from sed2cad.cli import app
 from sed2cad.errors import UsageError
+from sed2cad.evaluation import fitting as benchmark
+from sed2cad.evaluation.fitting import FittingSettings
 from sed2cad.evaluation.spline_patches import score_spline_patches, spline_files, spline_patches_text, true_splines
 from sed2cad.fitting import fit
 from sed2cad.training.cad import label_part
@@ -51,3 +56,21 @@ def test_packed_parts_come_before_cad_files(files, tmp_path):
         spline_files(tmp_path)
     with pytest.raises(UsageError):
         spline_files(tmp_path / "no")
+
+
+def test_the_command_shows_the_patches_of_parts(files, tmp_path, monkeypatch):
+    small = FittingSettings(1, 1, (1e-3,), (100,), (90.0,), (0.0,), ())
+    monkeypatch.setattr(benchmark, "FittingSettings", lambda seeds, workers: small)
+    monkeypatch.setattr(benchmark, "seconds_of_a_part", lambda: 1.0)
+    words = ["evaluate", "fitting", str(files[0].parent), "-q", "--json", str(tmp_path / "fitting.json")]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert any(line.startswith("spline patches ") for line in lines)
+    assert any(line.startswith("worst patches ") for line in lines)
+    held = [line for line in lines if line.startswith("B-spline patches of parts without noise")]
+    assert len(held) == 2 and all(line.endswith("held") for line in held)
+    content = json.loads((tmp_path / "fitting.json").read_text())
+    assert [row["part"] for row in content["spline_patches"]] == ["bar"]
+    refused = CliRunner().invoke(app, [*words[:2], str(tmp_path / "no")])
+    assert refused.exit_code == 2 and "there is no such folder" in refused.stderr
