@@ -22,7 +22,7 @@ from sed2cad.components import components
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.vectors import unit
 
-MOST_POINTS = 3000  # that the graph is made of; the others take the parameters of their nearest
+MOST_POINTS = 5000  # that the graph is made of; the others take the parameters of their nearest
 _NEIGHBOURS = (10, 16, 24)  # of a point, tried in turn until the sheet
 _WHOLE = 0.99  # of it, to be precise, hangs together
 _ALIKE = 0.5  # cosine between the normals of neighbours on one sheet
