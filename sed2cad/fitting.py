@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sed2cad.network.predict_net import predicted_starts
 from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import fit_bspline
-from sed2cad.primitives.oriented_fit import directions, normal_noise, oriented_fit
+from sed2cad.primitives.freeform_fit import fit_freeform
+from sed2cad.primitives.oriented_fit import directions, normal_noise, oriented_fit, points_know_better
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.refine import is_degenerate, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
@@ -56,7 +58,7 @@ def fit(
     if known * len(points) < 3 or (kind == "bspline" and len(points) < 6):
         return None
     if kind == "bspline":
-        surface = fit_bspline(*thinned(points, normals, _MOST_SPLINE_POINTS), noise)
+        surface = fit_freeform(*thinned(points, normals, _MOST_SPLINE_POINTS), noise, predicted_starts)
         return None if surface is None else _measured(surface, points, points, noise)
     found = robust_fit(kind, points, normals, noise) if len(points) >= 3 else None
     oriented = oriented_fit(kind, found and found[0], points, normals, noise, angle)
@@ -96,7 +98,8 @@ def select(
     costs -= 2 * np.array([prior.get(entry.primitive.kind, 0.0) for entry in found])
     best = int(np.argmin(costs))
     chosen = found[best].primitive
-    final = fit(chosen.kind, points, normals, noise) if len(points) > len(few[0]) else None
+    more = len(points) > len(few[0]) and chosen.kind != "bspline"
+    final = fit(chosen.kind, points, normals, noise) if more else None
     primitive, rms, covariance = final or _measured(chosen, points, points, noise)
     return FittedPrimitive(primitive, rms, covariance, float(costs[best]))
 
@@ -114,7 +117,13 @@ def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
     """
     fitted = [_fit_patch(scan, patch, math.inf) for patch in patches]
     angle = angle_noise(scan, fitted)
-    return [_fit_patch(scan, patch, angle) for patch in patches]
+    return [_fit_patch(scan, f.patch, angle) if _asks_normals(scan, f.patch, angle) else f for f in fitted]
+
+
+def _asks_normals(scan: Scan, patch: Patch, angle: float) -> bool:
+    """Whether a fit by the points alone leaves something to be told."""
+    points = scan.points[used_points(patch)]
+    return patch.kind in ANALYTIC_KINDS and not points_know_better(points, scan.noise, angle)
 
 
 def angle_noise(scan: Scan, fitted: Sequence[FittedPatch]) -> float:
@@ -137,6 +146,8 @@ def _fit_patch(scan: Scan, patch: Patch, angle: float) -> FittedPatch:
     if found is None:
         chosen = select(points, normals, scan.noise) if len(points) >= 3 else None
         found = (chosen.primitive, chosen.rms, chosen.covariance) if chosen else _any_plane(points, normals)
+        if chosen and chosen.primitive.kind == "bspline":  # the choice was a quick one
+            found = fit("bspline", points, normals, scan.noise) or found
     primitive, rms, covariance = found
     return FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sed2cad.errors import AssemblyError, UsageError
 from sed2cad.primitives.base import FittedPatch, Primitive
 from sed2cad.primitives.names import primitive_names
-from sed2cad.primitives.registry import primitive_class
+from sed2cad.primitives.registry import read_primitive
 from sed2cad.report.report import Report
 from sed2cad.scan.scan import Frame
 from sed2cad.topology.model import Topology
@@ -91,7 +91,7 @@ class CadModel:
         if unknown or not parameters:
             raise UsageError(f"{name} has no parameter {', '.join(unknown)}: it has {', '.join(parameters)}")
         try:
-            changed = primitive_class(primitive.kind).from_parameters({**parameters, **changes})
+            changed = read_primitive(primitive.kind, {**parameters, **changes})
         except ValueError as error:
             raise UsageError(f"{name}: {error}") from error
         scale, origin = self.frame.scale, self.frame.origin

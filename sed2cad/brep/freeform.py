@@ -3,21 +3,40 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_interp_spline
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from sed2cad.brep.kernel import Array
 from sed2cad.geometry.curves import TURN
 from sed2cad.primitives.bspline import BSplineSurface
+from sed2cad.primitives.net_surface import NetSurface
+from sed2cad.primitives.tensor_patch import DEGREE, greville
 
 Net = tuple[Array, Array, Array, bool]  # control net (nu, nv, 3), knots u, knots v (clamped), whether u closes
 
 _PER_SPAN = 4  # samples per knot span about an axis, where the surface is not a spline by itself
+_APART = 1e-6  # of the period: a knot nearer to the seam is on it
 _LEAST = 48  # samples around: the cubic through them is 1e-6 of the radius off
 
 
 def clamped_net(patch: BSplineSurface) -> Net:
     """The exact net of a patch over a plane."""
     return patch.control_points(), patch.knots_u, patch.knots_v, False
+
+
+def cut_open(patch: NetSurface, seam: float) -> Net:
+    """The exact net of a control net; a closed one begins and ends at `seam`, a share of its period."""
+    if not patch.closed:
+        return patch.net, patch.knots_u, patch.knots_v, False
+    period, first = patch.period, patch.domain[0][0] + seam * patch.period
+    spans = patch.knots_u[DEGREE : -DEGREE - 1]
+    off = np.mod(spans - first, period)
+    inner = np.sort(off[(off > _APART * period) & (off < (1 - _APART) * period)])
+    knots = np.concatenate([np.zeros(DEGREE + 1), inner, np.full(DEGREE + 1, period)])
+    around = BSpline(patch.knots_u, patch.net, DEGREE, extrapolate="periodic")
+    at = greville(knots)
+    rows = around(first + at)
+    rows[-1] = rows[0]
+    return make_interp_spline(at, rows, k=DEGREE, t=knots).c, knots, patch.knots_v, True
 
 
 def around_axis(patch: BSplineSurface, x: Array, points: Array) -> Net:

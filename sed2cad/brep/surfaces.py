@@ -23,7 +23,7 @@ from OCP.gp import gp_Ax2
 from OCP.TColgp import TColgp_Array1OfPnt, TColgp_Array2OfPnt
 from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal
 
-from sed2cad.brep.freeform import around_axis, clamped_net
+from sed2cad.brep.freeform import around_axis, clamped_net, cut_open
 from sed2cad.brep.kernel import Array, axes, direction, pnt
 from sed2cad.geometry.curves import Circle, Curve, Ellipse, Interpolated, Line
 from sed2cad.geometry.layout import Placement
@@ -31,6 +31,7 @@ from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.net_surface import NetSurface
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.primitives.torus import Torus
@@ -50,6 +51,8 @@ def surface_of(primitive: Primitive, placement: Placement, points: Array) -> Geo
         return Geom_SphericalSurface(frame, primitive.radius)
     if isinstance(primitive, Torus):
         return Geom_ToroidalSurface(frame, primitive.major_radius, primitive.minor_radius)
+    if isinstance(primitive, NetSurface):
+        return _bspline_surface(*cut_open(primitive, placement.seam))
     if isinstance(primitive, BSplineSurface):
         net = clamped_net(primitive) if primitive.base == "plane" else around_axis(primitive, placement.x, points)
         return _bspline_surface(*net)

@@ -85,6 +85,9 @@ def ablation(
 
 
 def fitting(
+    parts: Annotated[
+        Path | None, typer.Argument(metavar="PARTS", help="Folder of packed parts, or of CAD files, to fit as well.")
+    ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Of each cell; a fifth of it for kinds and B-splines.")] = 50,
     workers: Annotated[int, typer.Option(min=1, help="Processes, of one thread each.")] = 2,
     json: Json = None,
@@ -94,7 +97,8 @@ def fitting(
     """Fit surfaces that are known: errors over the Cramer-Rao bound, kinds, B-splines, seconds.
 
     Noise 0.02, 0.1, 0.5 % of the size; 100, 500, 5,000 points; 360 to 45 degrees; 0, 10, 20 % outliers: all of them.
-    Kinds are chosen without outliers; B-splines are whole, with 0 and 20 %.
+    Kinds are chosen without outliers; B-splines are whole, with 0 and 20 %. Of PARTS the B-spline patches are fitted,
+    without noise.
     """
     require_place(json)
     from sed2cad.evaluation.fitting import FittingSettings, evaluate_fitting
@@ -105,7 +109,7 @@ def fitting(
         if not quiet and (done % 20 == 0 or done == total):
             print(f"fitting  {done} of {total} cells  {seconds:.0f} s", file=sys.stderr, flush=True)
 
-    result = evaluate_fitting(FittingSettings(seeds, workers), progress=tell)
+    result = evaluate_fitting(FittingSettings(seeds, workers), parts, progress=tell)
     print(fitting_text(result))
     if json:
         write_text(json, fitting_json(result))

@@ -8,12 +8,14 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
 
 from sed2cad.evaluation.bound import chart_coordinates, cramer_rao
 from sed2cad.evaluation.choice import STRENGTHS, ChoiceScores, choose, ladder
+from sed2cad.evaluation.spline_patches import SplinePatchScores, score_spline_patches, spline_files
 from sed2cad.evaluation.true_patches import FREEFORM, TruePatch, true_patch
 from sed2cad.fitting import fit, fit_patches
 from sed2cad.primitives.base import Array, Patch, Primitive
@@ -25,7 +27,7 @@ NOISES = (0.0002, 0.001, 0.005)  # of the size
 COUNTS = (100, 500, 5000)
 COVERAGES = (360.0, 180.0, 90.0, 45.0)  # degrees
 OUTLIERS = (0.0, 0.1, 0.2)
-_FACES = {"plane": 24, "cylinder": 11, "cone": 2, "sphere": 1, "torus": 2}  # of a part: 40
+_FACES = {"plane": 23, "cylinder": 10, "cone": 2, "sphere": 1, "torus": 2, "wave": 1, "lobes": 1}  # of a part: 40
 _FACE_POINTS = 500
 
 Progress = Callable[[int, int, float], None]
@@ -101,12 +103,19 @@ class FittingResult:
     ladder: tuple[ChoiceScores, ...]  # near the limit of what can be told apart
     splines: tuple[SplineScores, ...]
     part_seconds: float  # to fit the patches of a part of 40 faces
+    spline_patches: tuple[SplinePatchScores, ...]  # of real parts, where some were given
     seconds: float
 
 
-def evaluate_fitting(settings: FittingSettings, progress: Progress | None = None) -> FittingResult:
-    """Fit every cell, with several processes; the time of a part is taken after them."""
+def evaluate_fitting(
+    settings: FittingSettings, parts: Path | None = None, progress: Progress | None = None
+) -> FittingResult:
+    """Fit every cell, with several processes; then the time of a part is taken, then a folder of parts is looked at.
+
+    UsageError for a folder without parts.
+    """
     start = time.perf_counter()
+    files = [] if parts is None else spline_files(parts)
     jobs: list[tuple[Cell, int]] = [(cell, settings.seeds) for cell in _cells(settings, ANALYTIC_KINDS)]
     jobs += [(cell, settings.few_seeds) for cell in _cells(settings, FREEFORM)]
     found: list[tuple[CellScores | SplineScores, ChoiceScores | None] | None] = [None] * len(jobs)
@@ -124,6 +133,7 @@ def evaluate_fitting(settings: FittingSettings, progress: Progress | None = None
         near,
         tuple(scores for scores, _ in rows if isinstance(scores, SplineScores)),
         part_seconds,
+        score_spline_patches(files),
         time.perf_counter() - start,
     )
 
@@ -180,7 +190,8 @@ def seconds_of_a_part() -> float:
     scan = Scan(points, normals, None, Frame(np.zeros(3), 1.0), noise=0.001, spacing=0.01)
     everything = np.ones(_FACE_POINTS, bool)
     patches = [
-        Patch(np.arange(k * _FACE_POINTS, (k + 1) * _FACE_POINTS), kind, everything) for k, kind in enumerate(kinds)
+        Patch(np.arange(k * _FACE_POINTS, (k + 1) * _FACE_POINTS), kind, everything)
+        for k, kind in enumerate("bspline" if kind in FREEFORM else kind for kind in kinds)
     ]
     times = []
     for _ in range(3):

@@ -10,6 +10,7 @@ import numpy as np
 
 from sed2cad.evaluation.choice import DISTINGUISHABLE, ChoiceScores
 from sed2cad.evaluation.fitting import CellScores, FittingResult
+from sed2cad.evaluation.spline_patches import CLOSE, spline_patches_text
 from sed2cad.evaluation.tables import aligned, to_json
 from sed2cad.primitives.registry import ANALYTIC_KINDS
 
@@ -38,6 +39,7 @@ class Target:
 def fitting_text(result: FittingResult) -> str:
     """The tables: parameters, choices, B-splines, worst cells, targets."""
     parts = [_parameters(result.cells), _choices(result.choices), _near(result.ladder), _splines(result)]
+    parts += [[spline_patches_text(result.spline_patches)]] if result.spline_patches else []
     parts += [_worst(result.cells), _targets(result)]
     seeds = f"{result.settings.seeds} seeds a cell, {result.settings.few_seeds} of choices and B-splines"
     return "\n\n".join("\n".join(lines) for lines in parts) + f"\n\n{seeds}; {result.seconds:.0f} s"
@@ -65,6 +67,10 @@ def targets(result: FittingResult) -> list[Target]:
     clean = [row for row in result.splines if row.cell.count >= _SPLINE_POINTS and row.cell.outliers == 0]
     worst = max((row.residual for row in clean), default=float("nan"))
     found.append(Target("B-spline: residual / noise at 5,000 points, worst cell", worst, _SPLINE_RESIDUAL))
+    near = [row.rms for row in result.spline_patches]
+    median, high = np.quantile(near, (0.5, 0.95), method="higher") if near else (np.nan, np.nan)
+    found.append(Target("B-spline patches of parts without noise: rms / size, median", float(median), CLOSE))
+    found.append(Target("B-spline patches of parts without noise: rms / size, 95 %", float(high), CLOSE))
     found.append(Target("seconds for a part of 40 faces", result.part_seconds, _PART_SECONDS))
     return [target for target in found if target.value == target.value]
 
@@ -128,7 +134,8 @@ def _targets(result: FittingResult) -> list[str]:
     rows = [["target", "value", "limit", ""]]
     for target in targets(result):
         limit = f"{'>=' if target.at_least else '<='} {target.limit:g}"
-        rows.append([target.name, f"{target.value:.3f}", limit, "held" if target.held else "MISSED"])
+        value = f"{target.value:.3f}" if target.limit > 0.01 else f"{target.value:.1e}"
+        rows.append([target.name, value, limit, "held" if target.held else "MISSED"])
     return aligned(rows)
 
 

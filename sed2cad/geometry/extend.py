@@ -5,20 +5,25 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import NdBSpline, make_interp_spline
+from scipy.interpolate import BSpline, NdBSpline, make_interp_spline
 
 from sed2cad.geometry.curves import Array
 from sed2cad.primitives.base import FittedPatch
-from sed2cad.primitives.bspline import DEGREE, BSplineSurface, greville
+from sed2cad.primitives.bspline import BSplineSurface
+from sed2cad.primitives.net_surface import NetSurface
+from sed2cad.primitives.tensor_patch import DEGREE, greville
 
 _REACH = 0.04  # unit frame: by how much a patch grows on each side
+_MOST_OF_EXTENT = 0.5  # that a control net grows by: it may be a narrow strip
 
 
 def widened(fitted: FittedPatch) -> FittedPatch:
     """The fitted patch, a free-form one continued straight on beyond its borders."""
-    if not isinstance(fitted.primitive, BSplineSurface):
-        return fitted
-    return replace(fitted, primitive=extended(fitted.primitive, _REACH))
+    if isinstance(fitted.primitive, NetSurface):
+        return replace(fitted, primitive=extended_net(fitted.primitive, _REACH))
+    if isinstance(fitted.primitive, BSplineSurface):
+        return replace(fitted, primitive=extended(fitted.primitive, _REACH))
+    return fitted
 
 
 def extended(patch: BSplineSurface, reach: float) -> BSplineSurface:
@@ -38,6 +43,27 @@ def extended(patch: BSplineSurface, reach: float) -> BSplineSurface:
     columns = make_interp_spline(u, heights, k=DEGREE, t=knots_u).c
     rows = make_interp_spline(v, columns.T, k=DEGREE, t=knots_v).c
     return replace(patch, knots_u=knots_u, knots_v=knots_v, heights=np.ascontiguousarray(rows.T))
+
+
+def extended_net(patch: NetSurface, reach: float) -> NetSurface:
+    """The same for a control net, by `reach` or half its extent, whichever is less; closed ones grow along v only."""
+    low, high = patch.domain
+    reach_u, reach_v = np.minimum(reach, _MOST_OF_EXTENT * (high - low))
+    knots_u = patch.knots_u if patch.closed else _longer(patch.knots_u, float(reach_u))
+    knots_v = _longer(patch.knots_v, float(reach_v))
+    rows = _net_along(patch.knots_v, np.swapaxes(patch.net, 0, 1), knots_v)
+    net = np.swapaxes(rows, 0, 1)
+    net = net if patch.closed else _net_along(patch.knots_u, net, knots_u)
+    return replace(patch, knots_u=knots_u, knots_v=knots_v, net=np.ascontiguousarray(net))
+
+
+def _net_along(knots: Array, net: Array, longer: Array) -> Array:
+    """Control points (m, k, 3) over longer knots of a curve of rows with control points (n, k, 3), straight on."""
+    at = _abscissae(longer)
+    inside = np.clip(at, knots[DEGREE], knots[-DEGREE - 1])
+    curve = BSpline(knots, net, DEGREE)
+    values = curve(inside) + (at - inside)[:, None, None] * curve(inside, 1)
+    return np.asarray(make_interp_spline(at, values, k=DEGREE, t=longer).c)
 
 
 def _longer(knots: Array, reach: float) -> Array:

@@ -32,6 +32,7 @@ class Placement:
     z: Array  # (3,), unit
     x: Array  # (3,), unit, across z
     pole: Pole | None = None
+    seam: float = 0.0  # of a closed control net: where in its period it is cut, 0 .. 1
 
 
 @dataclass(frozen=True)

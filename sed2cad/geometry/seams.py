@@ -8,7 +8,7 @@ closed edges start there and others are cut there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -21,8 +21,10 @@ from sed2cad.geometry.poles import sphere_pole
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.net_surface import NetSurface
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.sphere import Sphere
+from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.primitives.torus import Torus
 from sed2cad.primitives.vectors import about_axis, tangent_frame
 
@@ -69,6 +71,8 @@ class _Turning:
             loops = [[draft.edges[e].arc for e, _ in loop] for loop in draft.loops[region]]
             z, x = sphere_pole(primitive, loops, draft.topology.regions[region].points)
             return cls(primitive.centre, z, x)
+        if isinstance(primitive, NetSurface):
+            return _Around.of_net(primitive) if primitive.closed else None
         if isinstance(primitive, BSplineSurface):
             if primitive.base == "plane":
                 return None
@@ -86,9 +90,34 @@ class _Turning:
         offset = points - self.origin
         return np.arctan2(offset @ np.cross(self.z, self.x), offset @ self.x)
 
-    def direction(self, angle: float) -> Array:
-        """The unit vector (3,) across the axis at an angle from x."""
-        return np.cos(angle) * self.x + np.sin(angle) * np.cross(self.z, self.x)
+    def turned(self, angle: float) -> _Turning:
+        """The same with its seam at an angle from x."""
+        return replace(self, x=np.cos(angle) * self.x + np.sin(angle) * np.cross(self.z, self.x))
+
+    def placement(self, origin: Array, pole: Pole | None) -> Placement:
+        return Placement(origin, self.z, self.x, pole)
+
+
+@dataclass(frozen=True)
+class _Around(_Turning):
+    """A face on a closed control net: angles are shares of its period."""
+
+    net: NetSurface
+    seam: float = 0.0  # share of the period
+
+    @classmethod
+    def of_net(cls, net: NetSurface) -> _Around:
+        return cls(net.net.reshape(-1, 3).mean(axis=0), np.eye(3)[2], np.eye(3)[0], net)
+
+    def angles(self, points: Array) -> Array:
+        share = (self.net.foot(points)[:, 0] - self.net.domain[0][0]) / self.net.period
+        return -_wrapped(-TURN * (share - self.seam))
+
+    def turned(self, angle: float) -> _Around:
+        return replace(self, seam=float(np.mod(self.seam + angle / TURN, 1.0)))
+
+    def placement(self, origin: Array, pole: Pole | None) -> Placement:
+        return Placement(origin, self.z, self.x, pole, self.seam)
 
 
 def _usual_x(axis: Array) -> Array:
@@ -104,7 +133,7 @@ def _flat(draft: Draft, region: int) -> Placement:
     primitive = draft.primitive(region)
     if isinstance(primitive, BSplineSurface):
         return Placement(primitive.origin, primitive.frame[2], primitive.frame[0])
-    if isinstance(primitive, Loose):
+    if isinstance(primitive, (Loose, NetSurface)):
         return Placement(centre, np.eye(3)[2], np.eye(3)[0])
     assert isinstance(primitive, Plane)
     normal = primitive.normal_vector
@@ -122,16 +151,16 @@ def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
         angle = _seam_through(draft, [loops[k] for k in winding], others, turning)
     else:
         angle = _gap([turning.angles(s) for s in [*others, draft.topology.regions[region].points]])
-    x = turning.direction(angle)
+    turning = turning.turned(angle)
     for k in winding:
-        _bring_to_seam(draft, region, k, turning.origin, turning.z, x)
+        _bring_to_zero(draft, region, k, turning.angles)
     primitive = draft.primitive(region)
     if isinstance(primitive, Torus):
         for k, s in enumerate(samples):
             if _winding(_tube_angles(primitive, s)):
                 _bring_to_tube_seam(draft, region, k, primitive)
-    seamed = _Turning(_origin(draft, region, turning), turning.z, x)
-    return Placement(seamed.origin, seamed.z, seamed.x, _pole(draft, region, seamed, turns))
+    seamed = replace(turning, origin=_origin(draft, region, turning))
+    return seamed.placement(seamed.origin, _pole(draft, region, seamed, turns))
 
 
 def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) -> Pole | None:
@@ -156,7 +185,7 @@ def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) ->
 def _origin(draft: Draft, region: int, turning: _Turning) -> Array:
     """The origin of the surface: amid the face where the axis leaves it open."""
     primitive = draft.primitive(region)
-    if isinstance(primitive, (Sphere, Torus, BSplineSurface)):
+    if isinstance(primitive, (Sphere, Torus, TensorPatch)):
         return turning.origin
     points = np.vstack([draft.topology.regions[region].points, *map(draft.loop_samples, draft.loops[region])])
     heights = about_axis(points, turning.origin, turning.z)[0]
@@ -214,16 +243,6 @@ def _seam_through(
 def _wrapped(angles: Array) -> Array:
     """Angles brought into [-pi, pi)."""
     return np.mod(angles + np.pi, TURN) - np.pi
-
-
-def _bring_to_seam(draft: Draft, region: int, k: int, origin: Array, z: Array, x: Array) -> None:
-    """Give loop k of a region a vertex on the half-plane x about z."""
-    y = np.cross(z, x)
-
-    def angles(points: Array) -> Array:
-        return np.arctan2((points - origin) @ y, (points - origin) @ x)
-
-    _bring_to_zero(draft, region, k, angles)
 
 
 def _bring_to_tube_seam(draft: Draft, region: int, k: int, torus: Torus) -> None:

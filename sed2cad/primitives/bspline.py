@@ -4,30 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from scipy.interpolate import NdBSpline
 
-from sed2cad.primitives.base import Array, Primitive
-from sed2cad.primitives.vectors import read_direction, read_vector, triple, unit
+from sed2cad.primitives.base import Array
+from sed2cad.primitives.tensor_patch import DEGREE, TensorPatch, greville
+from sed2cad.primitives.vectors import read_direction, read_table, read_vector, triple
 
-DEGREE = 3
 Base = Literal["plane", "cylinder"]
-_FOOT_STEPS = 5
 
 
 @dataclass(frozen=True, eq=False)
-class BSplineSurface(Primitive):
+class BSplineSurface(TensorPatch):
     """Over a plane S(u, v) = origin + u x + v y + h(u, v) z; about an axis o + h (x cos u + y sin u) + v z.
 
     The patch is bounded by its knots: beyond them the distance is that to its border (with the sign of the
     side) and the normal that of the border. About an axis u is periodic on [-pi, pi] with uniform knots, and
     the last three rows of `heights` repeat the first three.
     """
-
-    kind: ClassVar[str] = "bspline"
-    freedom: ClassVar[int] = 0
 
     base: Base
     origin: Array  # (3,)
@@ -40,18 +36,7 @@ class BSplineSurface(Primitive):
     def _spline(self) -> NdBSpline:
         return NdBSpline((self.knots_u, self.knots_v), self.heights, DEGREE)
 
-    @cached_property
-    def domain(self) -> tuple[Array, Array]:
-        """Lowest and highest (u, v), each (2,)."""
-        u, v = self.knots_u, self.knots_v
-        low, high = DEGREE, -DEGREE - 1
-        return np.array([u[low], v[low]]), np.array([u[high], v[high]])
-
-    def at(self, uv: Array) -> Array:
-        """Points (n, 3) of the surface at parameters (n, 2)."""
-        return self._tangents(uv)[0]
-
-    def _tangents(self, uv: Array) -> tuple[Array, Array, Array]:
+    def tangents(self, uv: Array) -> tuple[Array, Array, Array]:
         """Points (n, 3) and their derivatives by u and v at parameters (n, 2)."""
         x, y, z = self.frame
         h, hu, hv = (self._spline(uv, nu=order)[:, None] for order in ((0, 0), (1, 0), (0, 1)))
@@ -75,49 +60,8 @@ class BSplineSurface(Primitive):
             return np.column_stack([a, b]), c
         return np.column_stack([np.arctan2(b, a), c]), np.hypot(a, b)
 
-    def foot(self, points: Array) -> Array:
-        """Parameters (n, 2) of the nearest points of the patch: Gauss-Newton from the base's projection."""
-        uv = self._clipped(self.base_coordinates(points)[0])
-        best = np.full(len(points), np.inf)
-        candidate = uv
-        for _ in range(_FOOT_STEPS):
-            surface, du, dv = self._tangents(candidate)
-            gap = points - surface
-            square = np.einsum("ij,ij->i", gap, gap)
-            better = square < best
-            uv = np.where(better[:, None], candidate, uv)
-            best = np.minimum(best, square)
-            step = np.where(better[:, None], _newton_step(gap, du, dv), 0.0)
-            candidate = self._clipped(uv + step)
-            if not better.any() or np.abs(step).max() < 1e-12:
-                break
-        return uv
-
-    def _gap(self, points: Array) -> tuple[Array, Array, Array]:
-        """Foot points (n, 3), normals there (n, 3) and signed distances (n,)."""
-        surface, du, dv = self._tangents(self.foot(points))
-        normals, gap = unit(np.cross(du, dv)), points - surface
-        side = np.einsum("ij,ij->i", gap, normals)
-        return surface, normals, np.copysign(np.linalg.norm(gap, axis=1), side)
-
-    def distance(self, points: Array) -> Array:
-        return self._gap(points)[2]
-
-    def normal(self, points: Array) -> Array:
-        return self._gap(points)[1]
-
-    def distance_and_normal(self, points: Array) -> tuple[Array, Array]:
-        _, normals, distance = self._gap(points)
-        return distance, normals
-
-    def project(self, points: Array) -> Array:
-        return self._gap(points)[0]
-
-    def moved(self, delta: Array) -> Self:
-        return self
-
-    def jacobian(self, points: Array) -> Array:
-        return np.zeros((len(points), 0))
+    def _first_guess(self, points: Array) -> Array:
+        return self.base_coordinates(points)[0]
 
     def control_points(self) -> Array:
         """The exact control net (nu, nv, 3) of a patch over a plane (x and y linear: Greville abscissae).
@@ -161,31 +105,7 @@ class BSplineSurface(Primitive):
         frame = np.stack([x, np.cross(z, x), z])
         if not np.allclose(frame @ frame.T, np.eye(3), atol=1e-6):
             raise ValueError("The x and z axes of a B-spline must be perpendicular.")
-        u, v, h = (_read_table(parameters, name) for name in ("knots_u", "knots_v", "heights"))
+        u, v, h = (read_table(parameters, name) for name in ("knots_u", "knots_v", "heights"))
         if h.ndim != 2 or u.shape != (h.shape[0] + 4,) or v.shape != (h.shape[1] + 4,):
             raise ValueError("The knots and heights of a B-spline do not fit together.")
         return cls(base, read_vector(parameters, "origin"), frame, u, v, h)
-
-
-def greville(knots: Array) -> Array:
-    """Greville abscissae (n,) of cubic knots (n + 4,)."""
-    return (knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3
-
-
-def _newton_step(gap: Array, du: Array, dv: Array) -> Array:
-    """The (u, v) step (n, 2) that moves along du, dv (n, 3) towards the gap (n, 3)."""
-    uu, uv, vv = (np.einsum("ij,ij->i", a, b) for a, b in ((du, du), (du, dv), (dv, dv)))
-    gu, gv = np.einsum("ij,ij->i", gap, du), np.einsum("ij,ij->i", gap, dv)
-    det = np.maximum(uu * vv - uv * uv, 1e-300)
-    return np.column_stack([vv * gu - uv * gv, uu * gv - uv * gu]) / det[:, None]
-
-
-def _read_table(parameters: dict[str, Any], name: str) -> Array:
-    """The array called `name`. ValueError where it is missing or not made of finite numbers."""
-    try:
-        table = np.asarray(parameters[name], dtype=float)
-    except (KeyError, TypeError, ValueError):
-        raise ValueError(f"The parameter '{name}' is missing or not made of numbers.") from None
-    if not np.isfinite(table).all():
-        raise ValueError(f"The parameter '{name}' must be finite.")
-    return table

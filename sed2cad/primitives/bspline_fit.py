@@ -12,7 +12,8 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import Array
-from sed2cad.primitives.bspline import DEGREE, Base, BSplineSurface
+from sed2cad.primitives.bspline import Base, BSplineSurface
+from sed2cad.primitives.tensor_patch import DEGREE
 from sed2cad.primitives.vectors import tangent_frame, unit
 
 _MARGIN = 0.06  # of the patch's extent, left around it so that edges with its neighbours lie inside
@@ -46,7 +47,7 @@ def fit_bspline(points: Array, normals: Array, noise: float = 0.0) -> BSplineSur
     """
     if len(points) < 6:
         return None
-    belong = _belonging(points, normals)
+    belong = belonging(points, normals)
     points, normals = points[belong], normals[belong]
     charts = [_axis_chart(points, normals)]
     plane = _plane_chart(points, normals)
@@ -57,7 +58,7 @@ def fit_bspline(points: Array, normals: Array, noise: float = 0.0) -> BSplineSur
     return min((_refined(chart, noise) for chart in charts), key=lambda found: found[1])[0]
 
 
-def _belonging(points: Array, normals: Array) -> NDArray[np.bool_]:
+def belonging(points: Array, normals: Array) -> NDArray[np.bool_]:
     """Points (n,) that lie on the tangent planes of their neighbours and have about their normals.
 
     What is allowed is several times what is usual in the patch, and as much as a fold needs in any case. Everything

@@ -47,12 +47,12 @@ def directions(
     primitive: Primitive, points: Array, normals: Array, noise: float, angle: float
 ) -> Directions | None:
     """What the normals (n, 3) have to say; None where the points know much better."""
-    if _knows_better(points, noise, angle):
+    if points_know_better(points, noise, angle):
         return None
     return Directions(facing(primitive, points, normals), angle, max(noise, FINEST))
 
 
-def _knows_better(points: Array, noise: float, angle: float) -> bool:
+def points_know_better(points: Array, noise: float, angle: float) -> bool:
     """Whether the points (n, 3) spread so wide that they tell directions better than their normals do."""
     return not np.isfinite(angle) or _width(points) > _REACH * max(noise, FINEST) / angle
 
@@ -64,7 +64,7 @@ def oriented_fit(
 
     `found` where the points know better, or nothing fits.
     """
-    if _knows_better(points, noise, angle) or 3 * len(points) < primitive_class(kind).freedom:
+    if points_know_better(points, noise, angle) or 3 * len(points) < primitive_class(kind).freedom:
         return found
     noise, points, normals = max(noise, FINEST), *thinned(points, normals, _POINTS)
     guesses = sorted(starts(kind, points, normals), key=lambda guess: _misfit(guess, points, normals, noise, angle))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from typing import Any
 
 from sed2cad.primitives.base import Primitive
 
@@ -26,3 +27,12 @@ def primitive_class(kind: str) -> type[Primitive]:
     module = import_module(f"sed2cad.primitives.{kind}")
     found: type[Primitive] = getattr(module, _CLASSES[kind])
     return found
+
+
+def read_primitive(kind: str, parameters: dict[str, Any]) -> Primitive:
+    """The primitive that gave these parameters. ValueError where they make no sense."""
+    if kind == "bspline" and parameters.get("base") == "net":
+        from sed2cad.primitives.net_surface import NetSurface
+
+        return NetSurface.from_parameters(parameters)
+    return primitive_class(kind).from_parameters(parameters)

@@ -102,3 +102,14 @@ def read_length(parameters: dict[str, Any], name: str) -> float:
     if number <= 0:
         raise ValueError(f"The parameter '{name}' must be positive, not {number:g}.")
     return number
+
+
+def read_table(parameters: dict[str, Any], name: str) -> Array:
+    """The array called `name`. ValueError where it is missing or not made of finite numbers."""
+    try:
+        table = np.asarray(parameters[name], dtype=float)
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"The parameter '{name}' is missing or not made of numbers.") from None
+    if not np.isfinite(table).all():
+        raise ValueError(f"The parameter '{name}' must be finite.")
+    return table

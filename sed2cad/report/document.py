@@ -18,7 +18,7 @@ from sed2cad.files import write_text
 from sed2cad.model import CadModel
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.names import primitive_names
-from sed2cad.primitives.registry import primitive_class
+from sed2cad.primitives.registry import read_primitive
 from sed2cad.report.report import ConstraintSummary, Deviation, FaceSummary, Report
 from sed2cad.scan.scan import Frame
 from sed2cad.topology.model import Chain, Region, Topology
@@ -107,7 +107,7 @@ def _model(document: dict[str, Any]) -> CadModel:
 
 
 def _fitted(entry: dict[str, Any], frame: Frame) -> FittedPatch:
-    primitive = primitive_class(entry["kind"]).from_parameters(entry["parameters"])
+    primitive = read_primitive(entry["kind"], entry["parameters"])
     nothing = Patch(np.zeros(0, np.int64), entry["kind"], np.zeros(0, bool))
     covariance = np.array(entry["covariance"], float).reshape(primitive.freedom, primitive.freedom)
     unit = primitive.scaled(1 / frame.scale, -frame.origin / frame.scale)

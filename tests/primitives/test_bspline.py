@@ -7,8 +7,9 @@ import pytest
 from scipy.interpolate import BSpline
 
 from sed2cad.primitives.base import Array
-from sed2cad.primitives.bspline import DEGREE, BSplineSurface
+from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.tensor_patch import DEGREE
 from sed2cad.primitives.vectors import unit
 from tests.primitives.patches import random_rotation
 

@@ -20,3 +20,12 @@ def as_splines(shape: Any) -> Any:
     from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert
 
     return Compound(BRepBuilderAPI_NurbsConvert(shape.wrapped).Shape())
+
+
+def wavy_bar() -> Any:
+    """10 x 5 x 4, the side towards y a spline extruded along z."""
+    from build123d import Edge, Face, Polyline, Solid, Wire
+
+    bend = Edge.make_spline([(0, 0, 0), (3, 1, 0), (6, -1, 0), (10, 0, 0)])
+    sides = Polyline((10, 0, 0), (10, -5, 0), (0, -5, 0), (0, 0, 0)).edges()
+    return Solid.extrude(Face(Wire([bend, *sides])), (0, 0, 4))
