@@ -15,6 +15,7 @@ from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.refine import is_degenerate, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
 from sed2cad.primitives.robust_fit import FINEST, START_POINTS, explains, misfits, robust_fit, thinned
+from sed2cad.primitives.swept_choice import swept_instead
 from sed2cad.scan.scan import Scan
 
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
@@ -98,7 +99,8 @@ def _measured(primitive: Primitive, points: Array, used: Array, noise: float) ->
 def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
     """Every patch with its primitive, in order (paper, eq. 7: without edge points, except for B-splines).
 
-    Where the patch's kind cannot be fitted, another one is chosen; at worst a plane.
+    Where the patch's kind cannot be fitted, another one is chosen; at worst a plane. A freeform patch that a profile
+    sweeps becomes an extrusion or a surface of revolution.
     """
     return [_fit_patch(scan, patch) for patch in patches]
 
@@ -117,6 +119,11 @@ def _fit_patch(scan: Scan, patch: Patch) -> FittedPatch:
         chosen = select(points, normals, scan.noise) if len(points) >= 3 else None
         found = (chosen.primitive, chosen.rms, chosen.covariance) if chosen else _any_plane(points, normals)
     primitive, rms, covariance = found
+    if isinstance(primitive, BSplineSurface):
+        instead = swept_instead(primitive, 2 * _parameter_count(primitive), points, normals, scan.noise)
+        if instead is not None:
+            primitive, covariance = instead
+            rms = root_mean_square(primitive.distance(points))
     return FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
 
 

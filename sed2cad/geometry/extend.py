@@ -10,15 +10,23 @@ from scipy.interpolate import NdBSpline, make_interp_spline
 from sed2cad.geometry.curves import Array
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.bspline import DEGREE, BSplineSurface, greville
+from sed2cad.primitives.extrusion import Extrusion
+from sed2cad.primitives.revolution import Revolution, reaching
 
 _REACH = 0.04  # unit frame: by how much a patch grows on each side
 
 
 def widened(fitted: FittedPatch) -> FittedPatch:
     """The fitted patch, a free-form one continued straight on beyond its borders."""
-    if not isinstance(fitted.primitive, BSplineSurface):
-        return fitted
-    return replace(fitted, primitive=extended(fitted.primitive, _REACH))
+    primitive = fitted.primitive
+    if isinstance(primitive, BSplineSurface):
+        return replace(fitted, primitive=extended(primitive, _REACH))
+    if isinstance(primitive, Extrusion) and not primitive.profile.closed:
+        profile = primitive.profile.longer(_REACH, _REACH)
+        return replace(fitted, primitive=replace(primitive, profile=profile))
+    if isinstance(primitive, Revolution) and not primitive.profile.closed:
+        return replace(fitted, primitive=replace(primitive, profile=reaching(primitive.profile, _REACH)))
+    return fitted
 
 
 def extended(patch: BSplineSurface, reach: float) -> BSplineSurface:

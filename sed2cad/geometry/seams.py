@@ -8,7 +8,7 @@ closed edges start there and others are cut there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -18,10 +18,14 @@ from sed2cad.geometry.curves import TURN, Array, Curve
 from sed2cad.geometry.layout import Draft, Layout, Placement, Pole
 from sed2cad.geometry.loose import Loose
 from sed2cad.geometry.poles import sphere_pole
+from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.profile import Profile
+from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.primitives.torus import Torus
 from sed2cad.primitives.vectors import about_axis, tangent_frame
@@ -55,7 +59,7 @@ def place(draft: Draft) -> Layout:
 
 @dataclass(frozen=True)
 class _Turning:
-    """A face on a surface of revolution: its axis and where the seam would be by default."""
+    """A face on a surface that closes on itself about an axis: that axis and where the seam would be by default."""
 
     origin: Array  # (3,)
     z: Array  # (3,), unit
@@ -79,6 +83,10 @@ class _Turning:
             return cls(primitive.apex, primitive.axis, _usual_x(primitive.axis))
         if isinstance(primitive, Torus):
             return cls(primitive.centre, primitive.axis, _usual_x(primitive.axis))
+        if isinstance(primitive, Revolution):
+            return cls(primitive.origin, primitive.axis, _usual_x(primitive.axis))
+        if isinstance(primitive, Extrusion) and primitive.profile.closed:
+            return _Sweeping(primitive.origin, primitive.direction, primitive.x_axis, primitive)
         return None
 
     def angles(self, points: Array) -> Array:
@@ -86,9 +94,33 @@ class _Turning:
         offset = points - self.origin
         return np.arctan2(offset @ np.cross(self.z, self.x), offset @ self.x)
 
-    def direction(self, angle: float) -> Array:
-        """The unit vector (3,) across the axis at an angle from x."""
-        return np.cos(angle) * self.x + np.sin(angle) * np.cross(self.z, self.x)
+    def turned(self, angle: float) -> _Turning:
+        """With the seam at an angle from x."""
+        return replace(self, x=np.cos(angle) * self.x + np.sin(angle) * np.cross(self.z, self.x))
+
+
+@dataclass(frozen=True)
+class _Sweeping(_Turning):
+    """A face on an extruded closed profile; its angles are shares of the profile's length."""
+
+    surface: Extrusion
+    seam: float = 0.0  # radians from the profile's beginning
+
+    def angles(self, points: Array) -> Array:
+        return _wrapped(_share(self.surface.profile, self.surface.flat(points)) - self.seam)
+
+    def turned(self, angle: float) -> _Turning:
+        profile = self.surface.profile
+        low, high = profile.ends
+        seam = self.seam + angle
+        start = profile.at(np.array([low + seam / TURN * (high - low)]))[0]
+        return replace(self, seam=seam, origin=self.surface.origin + start @ self.surface.across)
+
+
+def _share(profile: Profile, flat: Array) -> Array:
+    """Where along a closed profile the feet of points (n, 2) are, as angles (n,)."""
+    low, high = profile.ends
+    return np.asarray((profile.foot(flat) - low) * (TURN / (high - low)))
 
 
 def _usual_x(axis: Array) -> Array:
@@ -104,6 +136,8 @@ def _flat(draft: Draft, region: int) -> Placement:
     primitive = draft.primitive(region)
     if isinstance(primitive, BSplineSurface):
         return Placement(primitive.origin, primitive.frame[2], primitive.frame[0])
+    if isinstance(primitive, Extrusion):
+        return Placement(primitive.origin, primitive.direction, primitive.x_axis)
     if isinstance(primitive, Loose):
         return Placement(centre, np.eye(3)[2], np.eye(3)[0])
     assert isinstance(primitive, Plane)
@@ -112,7 +146,7 @@ def _flat(draft: Draft, region: int) -> Placement:
 
 
 def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
-    """Choose the seam of a face on a surface of revolution and bring its edges to it."""
+    """Choose the seam of a face on a surface that closes on itself and bring its edges to it."""
     loops = draft.loops[region]
     samples = [draft.loop_samples(loop) for loop in loops]
     turns = [_winding(turning.angles(s)) for s in samples]
@@ -122,16 +156,15 @@ def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
         angle = _seam_through(draft, [loops[k] for k in winding], others, turning)
     else:
         angle = _gap([turning.angles(s) for s in [*others, draft.topology.regions[region].points]])
-    x = turning.direction(angle)
+    seamed = turning.turned(angle)
     for k in winding:
-        _bring_to_seam(draft, region, k, turning.origin, turning.z, x)
-    primitive = draft.primitive(region)
-    if isinstance(primitive, Torus):
+        _bring_to_zero(draft, region, k, seamed.angles)
+    around_tube = _tube(draft.primitive(region))
+    if around_tube is not None:
         for k, s in enumerate(samples):
-            if _winding(_tube_angles(primitive, s)):
-                _bring_to_tube_seam(draft, region, k, primitive)
-    seamed = _Turning(_origin(draft, region, turning), turning.z, x)
-    return Placement(seamed.origin, seamed.z, seamed.x, _pole(draft, region, seamed, turns))
+            if _winding(around_tube(s)):
+                _bring_to_zero(draft, region, k, around_tube)
+    return Placement(_origin(draft, region, seamed), seamed.z, seamed.x, _pole(draft, region, seamed, turns))
 
 
 def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) -> Pole | None:
@@ -143,7 +176,7 @@ def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) ->
         return None
     primitive = draft.primitive(region)
     up = sum(turns) * draft.fitted[draft.topology.regions[region].primitive].sign > 0
-    if not (isinstance(primitive, Sphere) or (isinstance(primitive, Cone) and not up)):
+    if not _has_pole(primitive, up):
         raise OpenFace(region, f"a {primitive.kind} face is open on one side: the face that closes it is missing")
     rings = [k for k, turn in enumerate(turns) if turn]
     if len(rings) > 1:
@@ -153,10 +186,17 @@ def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) ->
     return Pole(rings[0], ends[int(off.argmin())], up)
 
 
+def _has_pole(primitive: Primitive, up: bool) -> bool:
+    """Whether the surface comes together at that end."""
+    if isinstance(primitive, Revolution):
+        return primitive.poles()[int(up)]
+    return isinstance(primitive, Sphere) or (isinstance(primitive, Cone) and not up)
+
+
 def _origin(draft: Draft, region: int, turning: _Turning) -> Array:
     """The origin of the surface: amid the face where the axis leaves it open."""
     primitive = draft.primitive(region)
-    if isinstance(primitive, (Sphere, Torus, BSplineSurface)):
+    if not isinstance(primitive, (Cylinder, Cone)):
         return turning.origin
     points = np.vstack([draft.topology.regions[region].points, *map(draft.loop_samples, draft.loops[region])])
     heights = about_axis(points, turning.origin, turning.z)[0]
@@ -169,16 +209,26 @@ def _winding(angles: Array) -> int:
     return round(float(steps.sum()) / TURN)
 
 
-def _tube_angles(torus: Torus, points: Array) -> Array:
-    """Angles (n,) around the tube from its outer equator."""
-    height, radius, _ = about_axis(points, torus.centre, torus.axis)
-    return np.arctan2(height, radius - torus.major_radius)
+def _tube(primitive: Primitive) -> Callable[[Array], Array] | None:
+    """Angles (n,) of points (n, 3) around the tube of a ring: from its outer equator, or where its profile begins."""
+    if isinstance(primitive, Torus):
+        torus = primitive
+
+        def around_circle(points: Array) -> Array:
+            height, radius, _ = about_axis(points, torus.centre, torus.axis)
+            return np.arctan2(height, radius - torus.major_radius)
+
+        return around_circle
+    if isinstance(primitive, Revolution) and primitive.profile.closed:
+        ring = primitive
+        return lambda points: _wrapped(_share(ring.profile, ring.meridian(points)))
+    return None
 
 
 def _tube_winds(draft: Draft, region: int) -> bool:
-    primitive = draft.primitive(region)
-    return isinstance(primitive, Torus) and any(
-        _winding(_tube_angles(primitive, draft.loop_samples(loop))) for loop in draft.loops[region]
+    around_tube = _tube(draft.primitive(region))
+    return around_tube is not None and any(
+        _winding(around_tube(draft.loop_samples(loop))) for loop in draft.loops[region]
     )
 
 
@@ -214,21 +264,6 @@ def _seam_through(
 def _wrapped(angles: Array) -> Array:
     """Angles brought into [-pi, pi)."""
     return np.mod(angles + np.pi, TURN) - np.pi
-
-
-def _bring_to_seam(draft: Draft, region: int, k: int, origin: Array, z: Array, x: Array) -> None:
-    """Give loop k of a region a vertex on the half-plane x about z."""
-    y = np.cross(z, x)
-
-    def angles(points: Array) -> Array:
-        return np.arctan2((points - origin) @ y, (points - origin) @ x)
-
-    _bring_to_zero(draft, region, k, angles)
-
-
-def _bring_to_tube_seam(draft: Draft, region: int, k: int, torus: Torus) -> None:
-    """Give loop k of a region a vertex on the outer equator of its torus, where the tube's seam is."""
-    _bring_to_zero(draft, region, k, lambda points: _tube_angles(torus, points))
 
 
 def _bring_to_zero(draft: Draft, region: int, k: int, angles: Callable[[Array], Array]) -> None:

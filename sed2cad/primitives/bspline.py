@@ -28,6 +28,7 @@ class BSplineSurface(Primitive):
 
     kind: ClassVar[str] = "bspline"
     freedom: ClassVar[int] = 0
+    freeform: ClassVar[bool] = True
 
     base: Base
     origin: Array  # (3,)
