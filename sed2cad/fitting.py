@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.refine import is_degenerate, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
+from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.robust_fit import FINEST, START_POINTS, explains, misfits, robust_fit, thinned
-from sed2cad.primitives.swept_choice import swept_instead
+from sed2cad.primitives.swept_choice import Explained, swept_instead
 from sed2cad.scan.scan import Scan
 
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
@@ -120,7 +122,7 @@ def _fit_patch(scan: Scan, patch: Patch) -> FittedPatch:
         found = (chosen.primitive, chosen.rms, chosen.covariance) if chosen else _any_plane(points, normals)
     primitive, rms, covariance = found
     if isinstance(primitive, BSplineSurface):
-        instead = swept_instead(primitive, 2 * _parameter_count(primitive), points, normals, scan.noise)
+        instead = swept_instead([Explained(primitive, parameter_count(primitive), points, normals)], scan.noise)
         if instead is not None:
             primitive, covariance = instead
             rms = root_mean_square(primitive.distance(points))
@@ -168,7 +170,15 @@ def _costs(primitives: Sequence[Primitive], points: Array, normals: Array, sigma
 
 def _parameter_count(primitive: Primitive) -> int:
     """Numbers that the points had to determine; smoothing ties about half of a spline's."""
-    return primitive.heights.size // 2 if isinstance(primitive, BSplineSurface) else primitive.freedom
+    return parameter_count(primitive) // 2 if isinstance(primitive, BSplineSurface) else primitive.freedom
+
+
+def parameter_count(primitive: Primitive) -> int:
+    """Numbers that shape and place a surface."""
+    if isinstance(primitive, BSplineSurface):
+        return primitive.heights.size
+    profile = primitive.profile.numbers if isinstance(primitive, Extrusion | Revolution) else 0
+    return primitive.freedom + profile
 
 
 def _radius(primitive: Primitive) -> float:

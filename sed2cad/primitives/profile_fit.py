@@ -22,9 +22,10 @@ _REACH = 2.6  # cells: neighbours
 _FOLD = 0.2  # cosine between the normals of neighbours
 _SIDEWAYS = 0.1  # weight of the distance along the curve against that across
 _SMOOTHING = 1e-7  # weight of second differences of the controls against the mean weight of a control
-MOST_SPANS = 48
+MOST_SPANS = 96
 _LEAST_POINTS = 3  # of a span that is cut in two, in each half
 _BINS = 4  # of a span, whose mean residuals tell whether it is stiff
+_OUTLYING = 4.0  # standard deviations that a residual counts for at most
 _SURPRISE = 3.0  # standard deviations of chi^2 that noise does not reach
 
 
@@ -206,23 +207,23 @@ def blank(course: Course, spans: int) -> Profile:
     return Profile(np.asarray(knots, float), np.zeros((len(knots) - DEGREE - 1, 2)), course.closed)
 
 
-def stiff_spans(profile: Profile, along: Array, residual: Array, weights: Array, sigma: float) -> NDArray[np.bool_]:
+def stiff_spans(profile: Profile, along: Array, residual: Array, sigma: float) -> NDArray[np.bool_]:
     """Which spans of the profile (s,) leave residuals (n,) that are no noise, and have points enough to be cut.
 
     The mean residual of each quarter of a span is compared with what noise makes of it (sigma, or what the residuals
-    show where that is more).
+    show where that is more); single outliers hardly count.
     """
     borders = np.unique(profile.knots[DEGREE:-DEGREE])
     spans = len(borders) - 1
-    used = weights > 0.1
-    at, residual = profile.wrapped(along)[used], residual[used]
+    at = profile.wrapped(along)
     span = np.clip(np.searchsorted(borders, at, side="right") - 1, 0, spans - 1)
     share = (at - borders[span]) / (borders[span + 1] - borders[span])
     cell = span * _BINS + np.clip((share * _BINS).astype(np.int64), 0, _BINS - 1)
     count = np.bincount(cell, minlength=spans * _BINS)
+    usual = max(sigma, 1.4826 * median_size(residual))
+    residual = np.clip(residual, -_OUTLYING * usual, _OUTLYING * usual)
     mean = np.bincount(cell, residual, minlength=spans * _BINS) / np.maximum(count, 1)
-    left = residual - mean[cell]
-    scale = max(sigma, 1.4826 * median_size(left))
+    scale = max(sigma, 1.4826 * median_size(residual - mean[cell]))
     surprise = (count * (mean / scale) ** 2).reshape(spans, _BINS).sum(axis=1)
     halves = count.reshape(spans, 2, _BINS // 2).sum(axis=2).min(axis=1)
     return np.asarray((surprise > _BINS + _SURPRISE * np.sqrt(2 * _BINS)) & (halves >= _LEAST_POINTS))

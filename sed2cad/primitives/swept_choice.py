@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,23 +27,30 @@ _FINE = 0.3  # square of mean distances that nobody minds, in units of those tha
 _SYSTEMATIC = 0.15  # times the noise: mean distances that scanners make
 
 
-def swept_instead(
-    freeform: Primitive, numbers: int, points: Array, normals: Array, noise: float
-) -> tuple[Primitive, Array] | None:
-    """A swept or analytic surface, and its covariance, that should stand for a freeform one; None to keep that.
+@dataclass(frozen=True)
+class Explained:
+    """Points and the freeform surface that explains them so far."""
 
-    `freeform` has `numbers` parameters and was fitted to points (n, 3) with unit normals (n, 3). A swept surface must
-    leave nothing but noise of the points, turn no farther from their normals and be no dearer than it by
-    chi^2 + a price for each parameter; an analytic one is taken where it is no dearer still.
+    surface: Primitive
+    numbers: int  # that shape it
+    points: Array  # (n, 3)
+    normals: Array  # (n, 3), unit
+
+
+def swept_instead(pieces: Sequence[Explained], noise: float) -> tuple[Primitive, Array] | None:
+    """One swept or analytic surface, and its covariance, that should stand for freeform ones; None to keep these.
+
+    A swept surface must leave nothing but noise of the points, turn no farther from their normals and be no dearer
+    than the surfaces so far by chi^2 + a price for each parameter; an analytic one goes first if no dearer.
     """
-    judge = _Judge.of(*thinned(points, normals, _MOST_POINTS), noise, freeform)
-    most = judge.cost(freeform, numbers)
+    judge = _Judge.of(pieces, noise)
+    most = judge.most
     best: tuple[Primitive, Array] | None = None
     for fitted in (fit_extrusion, fit_revolution):
         found = fitted(judge.points, judge.normals, noise)
         if found is None:
             continue
-        cost = judge.cost(found.surface, found.numbers)
+        cost = judge.cost(found.surface.distance(judge.points), found.numbers)
         if cost <= most and judge.accepts(found.surface):
             most, best = cost, (found.surface, found.covariance)
     return None if best is None else _simpler(judge, most) or best
@@ -55,7 +63,7 @@ def _simpler(judge: _Judge, most: float) -> tuple[Primitive, Array] | None:
         found = robust_fit(kind, judge.points, judge.normals, judge.noise)
         if found is None:
             continue
-        cost = judge.cost(found[0], found[0].freedom)
+        cost = judge.cost(found[0].distance(judge.points), found[0].freedom)
         if cost <= most and judge.accepts(found[0]):
             most, best = cost, found[0]
     return None if best is None else (best, uncertainty(best, judge.points, judge.noise).covariance)
@@ -70,20 +78,27 @@ class _Judge:
     noise: float
     sigma: float
     pieces: NDArray[np.int64]  # (n,): the piece of the patch that each point is in
-    misfit: float  # of the pieces from the freeform surface
+    most: float  # cost of the surfaces so far
+    misfit: float  # of the pieces from these
     turn: float  # of the normals, at most
 
     @classmethod
-    def of(cls, points: Array, normals: Array, noise: float, freeform: Primitive) -> _Judge:
-        """Who allows what the freeform surface leaves, and what noise does."""
-        pieces, residual = _pieces(points), freeform.distance(points)
+    def of(cls, given: Sequence[Explained], noise: float) -> _Judge:
+        """Who allows what the surfaces so far leave, and what noise does."""
+        share = min(1.0, _MOST_POINTS / sum(len(piece.points) for piece in given))
+        seen = [thinned(piece.points, piece.normals, max(int(share * len(piece.points)), 1)) for piece in given]
+        points, normals = (np.vstack(columns) for columns in zip(*seen))
+        residual = np.concatenate([piece.surface.distance(some) for piece, (some, _) in zip(given, seen)])
+        turned = np.concatenate([_angles(piece.surface, *some) for piece, some in zip(given, seen)])
+        pieces = _pieces(points)
         sigma = float(np.clip(1.4826 * median_size(residual), FINEST, _SLACK * max(noise, FINEST)))
-        turn = float(np.clip(_TURNED * _turn(freeform, points, normals), *_TURN))
-        return cls(points, normals, noise, sigma, pieces, _misfit(residual, pieces, noise), turn)
+        turn = float(np.clip(_TURNED * turned.mean(), *_TURN))
+        judge = cls(points, normals, noise, sigma, pieces, 0.0, _misfit(residual, pieces, noise), turn)
+        return replace(judge, most=judge.cost(residual, sum(piece.numbers for piece in given)))
 
-    def cost(self, surface: Primitive, numbers: int) -> float:
-        """chi^2 of the distances and the price of the numbers."""
-        square = np.minimum((surface.distance(self.points) / self.sigma) ** 2, _OUTLIER)
+    def cost(self, residual: Array, numbers: int) -> float:
+        """chi^2 of distances (n,) and the price of the numbers behind them."""
+        square = np.minimum((residual / self.sigma) ** 2, _OUTLIER)
         return float(square.sum() + _PRICE * numbers)
 
     def accepts(self, surface: Primitive) -> bool:
@@ -91,7 +106,7 @@ class _Judge:
         if not explains(surface, self.points, _SLACK * max(self.noise, FINEST)):
             return False
         fits = _misfit(surface.distance(self.points), self.pieces, self.noise) <= max(self.misfit, 1.0)
-        return fits and _turn(surface, self.points, self.normals) <= self.turn
+        return fits and float(_angles(surface, self.points, self.normals).mean()) <= self.turn
 
 
 def _pieces(points: Array) -> NDArray[np.int64]:
@@ -121,7 +136,7 @@ def _misfit(residual: Array, pieces: NDArray[np.int64], noise: float) -> float:
     return float((mean**2 / (inner + systematic)).sum()) / most
 
 
-def _turn(surface: Primitive, points: Array, normals: Array) -> float:
-    """The mean angle between the surface's normals and those of the points, radians."""
+def _angles(surface: Primitive, points: Array, normals: Array) -> Array:
+    """Angles (n,) between the surface's normals and those of the points, radians."""
     cosine = np.einsum("ij,ij->i", surface.normal(points), normals) * surface.side(points, normals)
-    return float(np.sqrt(np.maximum(2 - 2 * cosine, 0.0)).mean())
+    return np.asarray(np.sqrt(np.maximum(2 - 2 * cosine, 0.0)))

@@ -15,7 +15,7 @@ from sed2cad.primitives.base import Array
 from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.profile import Profile
 from sed2cad.primitives.profile_fit import MOST_SPANS, Course, Sight, bent, blank, course, cut, stiff_spans
-from sed2cad.primitives.refine import tukey_weights
+from sed2cad.primitives.refine import median_size, tukey_weights
 from sed2cad.primitives.revolution import Revolution, reaching
 from sed2cad.primitives.starts import revolution_axes
 from sed2cad.primitives.vectors import tangent_frame, unit
@@ -32,6 +32,7 @@ _LONGEST_TILT = 0.1  # radians, in one step
 _MARGIN = 0.03  # of the profile's length, that it goes on beyond the points
 _TO_AXIS = 2.0  # margins: an end of a profile that is this near to the axis reaches it
 _REWEIGHTED = 4
+_CAUCHY = 2.385  # 95 % efficiency on Gaussian noise
 _ANGLE = 0.3  # radians: an error of normals that counts as much as the noise; they err in groups
 
 
@@ -141,35 +142,44 @@ class _Fitting:
             self.along[beyond] += over[beyond]
 
     @property
-    def weights(self) -> Array:
-        return tukey_weights(self.residual, max(self.noise, _FINEST), self.surface.profile.numbers)
+    def sigma(self) -> float:
+        """What the points err by, at least."""
+        return max(self.noise, _FINEST)
+
+    def weights(self, final: bool) -> Array:
+        """Biweights (n,) in the end; before that Cauchy's, which leave no point out for which knots may be missing."""
+        if final:
+            return tukey_weights(self.residual, self.sigma, self.surface.profile.numbers)
+        scale = _CAUCHY * max(self.sigma, 1.4826 * median_size(self.residual))
+        return np.asarray(1 / (1 + (self.residual / scale) ** 2))
 
     def refined(self) -> SweptFit | None:
         """Knots and poses until nothing but noise is left."""
         self.improve()
         for _ in range(_ROUNDS):
-            sigma = max(self.noise, _FINEST)
-            stiff = stiff_spans(self.surface.profile, self.along, self.residual, self.weights, sigma)
+            stiff = stiff_spans(self.surface.profile, self.along, self.residual, self.sigma)
             if not stiff.any() or stiff.sum() + len(stiff) > MOST_SPANS:
                 break
             self.improve(cut(self.surface.profile, stiff))
+        self.improve(final=True)
         if not np.isfinite(self.residual).all():
             return None
         numbers = self.surface.profile.numbers + self.surface.freedom
-        weights = self.weights
+        weights = self.weights(True)
         variance = float(weights @ self.residual**2) / max(float(weights.sum()) - numbers, 1.0)
         return SweptFit(self.finished(), variance * self.covariance, numbers)
 
-    def improve(self, profile: Profile | None = None) -> None:
+    def improve(self, profile: Profile | None = None, final: bool = False) -> None:
         """A few Gauss-Newton steps on the knots of a profile (its own)."""
         for _ in range(_TURNS):
             surface = self.surface
-            sight = Sight(*_seen(surface, self.points, self.normals), surface.jacobian(self.points), self.weights)
+            flat, arrows = _seen(surface, self.points, self.normals)
+            sight = Sight(flat, arrows, surface.jacobian(self.points), self.weights(final))
             across = _right_of(surface.profile.tangent(self.along))
             knots = surface.profile if profile is None else profile
             if not knots.closed:
                 knots = knots.between(float(self.along.min()), float(self.along.max()))
-            found = bent(knots, self.along, across, sight, max(self.noise, _FINEST) / _ANGLE)
+            found = bent(knots, self.along, across, sight, self.sigma / _ANGLE)
             delta = found.delta.copy()
             delta *= min(1.0, _LONGEST_TILT / max(float(np.abs(delta[:2]).max()), 1e-300))
             self.surface = replace(surface, profile=found.profile).moved(delta)

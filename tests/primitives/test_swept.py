@@ -14,7 +14,7 @@ from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.profile import Profile
 from sed2cad.primitives.registry import primitive_class
 from sed2cad.primitives.revolution import Revolution, reaching
-from sed2cad.primitives.swept_choice import swept_instead
+from sed2cad.primitives.swept_choice import Explained, swept_instead
 from sed2cad.primitives.swept_fit import fit_extrusion, fit_revolution
 from sed2cad.primitives.vectors import unit
 from sed2cad.scan.scan import Frame, Scan
@@ -92,7 +92,7 @@ def kind_of(points: Array, normals: Array, noise: float) -> str:
     """What becomes of a freeform patch."""
     tensor = fit_bspline(points, normals, noise)
     assert tensor is not None
-    found = swept_instead(tensor, tensor.heights.size, points, normals, noise)
+    found = swept_instead([Explained(tensor, tensor.heights.size, points, normals)], noise)
     return "bspline" if found is None else found[0].kind
 
 
