@@ -24,7 +24,7 @@ def spline_curve(poles: Array, knots: Array, degree: int) -> Geom_BSplineCurve:
 def swept_curve(extrusion: Extrusion, placement: Placement) -> Geom_BSplineCurve:
     """The profile of an extrusion, at the placement's height; a closed one starts at the placement's origin."""
     height = float((placement.origin - extrusion.origin) @ extrusion.direction)
-    poles = extrusion.origin + height * extrusion.direction + extrusion.profile.controls @ extrusion.across
+    poles = extrusion.origin + height * extrusion.direction + extrusion.profile.controls @ extrusion.axes
     curve = _curve(extrusion.profile, poles)
     if extrusion.profile.closed:
         seam = float(extrusion.profile.foot(extrusion.flat(placement.origin[None]))[0])

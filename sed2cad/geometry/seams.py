@@ -114,7 +114,7 @@ class _Sweeping(_Turning):
         low, high = profile.ends
         seam = self.seam + angle
         start = profile.at(np.array([low + seam / TURN * (high - low)]))[0]
-        return replace(self, seam=seam, origin=self.surface.origin + start @ self.surface.across)
+        return replace(self, seam=seam, origin=self.surface.origin + start @ self.surface.axes)
 
 
 def _share(profile: Profile, flat: Array) -> Array:

@@ -38,31 +38,31 @@ class Extrusion(Primitive):
     profile: Profile
 
     @cached_property
-    def across(self) -> Array:
+    def axes(self) -> Array:
         """The axes of the profile's plane, rows x, y (2, 3)."""
         return np.stack([self.x_axis, np.cross(self.direction, self.x_axis)])
 
     def flat(self, points: Array) -> Array:
         """Points (n, 3) seen along the direction, (n, 2)."""
-        return np.asarray((points - self.origin) @ self.across.T)
+        return np.asarray((points - self.origin) @ self.axes.T)
 
     def distance(self, points: Array) -> Array:
         return self.profile.gap(self.flat(points))[2]
 
     def normal(self, points: Array) -> Array:
-        return np.asarray(self.profile.gap(self.flat(points))[1] @ self.across)
+        return np.asarray(self.profile.gap(self.flat(points))[1] @ self.axes)
 
     def distance_and_normal(self, points: Array) -> tuple[Array, Array]:
         _, normal, distance = self.profile.gap(self.flat(points))
-        return distance, np.asarray(normal @ self.across)
+        return distance, np.asarray(normal @ self.axes)
 
     def project(self, points: Array) -> Array:
         flat = self.flat(points)
-        return np.asarray(points + (self.profile.gap(flat)[0] - flat) @ self.across)
+        return np.asarray(points + (self.profile.gap(flat)[0] - flat) @ self.axes)
 
     def moved(self, delta: Array) -> Self:
         direction = tilted(self.direction, delta)
-        return replace(self, direction=direction, x_axis=_across(self.x_axis, direction))
+        return replace(self, direction=direction, x_axis=across(self.x_axis, direction))
 
     def jacobian(self, points: Array) -> Array:
         height = (points - self.origin) @ self.direction
@@ -86,9 +86,9 @@ class Extrusion(Primitive):
         if abs(direction @ x) > 0.99:
             raise ValueError("The x axis of an extrusion must be across its direction.")
         origin = read_vector(parameters, "origin")
-        return cls(direction, origin, _across(x, direction), Profile.from_parameters(parameters))
+        return cls(direction, origin, across(x, direction), Profile.from_parameters(parameters))
 
 
-def _across(x: Array, direction: Array) -> Array:
+def across(x: Array, direction: Array) -> Array:
     """x (3,) without what it has of the direction, unit."""
     return unit(x - (x @ direction) * direction)

@@ -83,7 +83,7 @@ def _across_all(normals: Array) -> Array:
 def _seen(surface: Swept, points: Array, normals: Array) -> tuple[Array, Array]:
     """Points and normals (n, 3) in the plane of the profile: both (n, 2), these unit."""
     if isinstance(surface, Extrusion):
-        return surface.flat(points), unit(normals @ surface.across.T)
+        return surface.flat(points), unit(normals @ surface.axes.T)
     flat = surface.meridian(points)
     offset = points - surface.origin
     radial = offset - (offset @ surface.axis)[:, None] * surface.axis

@@ -6,14 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from sed2cad.fitting import fit_patches
-from sed2cad.primitives.base import Array, Patch, Primitive
+from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.extrusion import Extrusion
+from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.profile import Profile
 from sed2cad.primitives.registry import primitive_class
 from sed2cad.primitives.revolution import Revolution, reaching
+from sed2cad.primitives.swept_align import aligned
 from sed2cad.primitives.swept_choice import Explained, swept_instead
 from sed2cad.primitives.swept_fit import fit_extrusion, fit_revolution
 from sed2cad.primitives.vectors import unit
@@ -167,7 +171,7 @@ def test_a_profile_goes_on_straight_or_round_and_stops_at_the_axis() -> None:
     found = fit_extrusion(*quarter_round(600))
     assert found is not None
     grown = found.surface.profile.longer(0.3, 0.3, round=True)
-    ends = found.surface.origin + grown.at(np.array(grown.ends)) @ found.surface.across
+    ends = found.surface.origin + grown.at(np.array(grown.ends)) @ found.surface.axes
     assert np.hypot(ends[:, 0], ends[:, 1]) == pytest.approx(1.0, abs=3e-3)
     assert straight(closed=True).bend(np.array([0.3, 2.0])) == pytest.approx(1.0, abs=1e-2)
     stopped = reaching(shifted(straight().reversed(), 0.1, 0.0), 0.5)
@@ -263,5 +267,29 @@ def test_parameters_can_be_changed() -> None:
     surface = SWEPT[0]
     changed = type(surface).from_parameters({**surface.parameters(), "direction": (0.0, 0.0, 1.0)})
     assert isinstance(changed, Extrusion)
-    assert changed.across @ Z == pytest.approx(0)
+    assert changed.axes @ Z == pytest.approx(0)
     assert replace(changed, origin=np.ones(3)).distance(np.ones((1, 3)))[0] == pytest.approx(0, abs=1e-12)
+
+
+def test_a_wall_follows_the_floor_and_a_bell_the_bore() -> None:
+    lean = unit(np.array([4e-4, -2e-4, 1.0]))
+    wall, bell_ = fit_extrusion(*s_wall(600)), fit_revolution(*bell(600))
+    assert wall is not None and bell_ is not None
+    points = np.vstack([s_wall(600)[0], bell(600)[0]])
+    own = np.arange(600)
+    nothing = np.zeros(0, np.int64)
+
+    def patch(primitive: Primitive, indices: NDArray[np.int64]) -> FittedPatch:
+        spread = (2e-3) ** 2 * np.eye(primitive.freedom)
+        return FittedPatch(Patch(indices, primitive.kind, indices >= 0), primitive, 1, 1e-3, spread)
+
+    floor, bore = Plane(-lean, 0.0), Cylinder(lean, np.array([5e-5, 0.0, 0.0]), 0.1)
+    fitted = [patch(floor, nothing), patch(wall.surface, own), patch(bore, nothing), patch(bell_.surface, own + 600)]
+    patches, found = aligned(fitted, points)
+    assert [(f.kind, f.leader, f.index) for f in found] == [("parallel", 0, 1), ("coaxial", 2, 3)]
+    turned, centred = patches[1].primitive, patches[3].primitive
+    assert isinstance(turned, Extrusion) and isinstance(centred, Revolution)
+    assert np.abs(np.cross(turned.direction, lean)).max() < 1e-12 and np.abs(turned.axes @ lean).max() < 1e-12
+    assert np.abs(np.cross(centred.origin - bore.point, lean)).max() < 1e-12
+    far = [patch(Plane(unit(np.array([0.1, 0.0, 1.0])), 0.0), nothing), fitted[1]]
+    assert aligned(far, points) == (far, [])
