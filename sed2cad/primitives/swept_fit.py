@@ -27,6 +27,8 @@ _MOST_POINTS = 3000
 _FINEST = 2e-5  # unit frame: residuals that nobody needs to explain
 _SPANS = 3  # to begin with
 _ROUNDS = 9  # of knots
+_HOPELESS = 5.0  # sigma: a median residual above this,
+_GAIN = 0.7  # times that of the round before, will not come down by more knots: the surface is not swept
 _TURNS = 3  # Gauss-Newton steps for each
 _LONGEST_TILT = 0.1  # radians, in one step
 _MARGIN = 0.03  # of the profile's length, that it goes on beyond the points
@@ -156,7 +158,12 @@ class _Fitting:
     def refined(self) -> SweptFit | None:
         """Knots and poses until nothing but noise is left."""
         self.improve()
+        before = np.inf
         for _ in range(_ROUNDS):
+            usual = median_size(self.residual)
+            if usual > max(_HOPELESS * self.sigma, _GAIN * before):
+                break
+            before = usual
             stiff = stiff_spans(self.surface.profile, self.along, self.residual, self.sigma)
             if not stiff.any() or stiff.sum() + len(stiff) > MOST_SPANS:
                 break
