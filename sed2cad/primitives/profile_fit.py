@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import Array
@@ -17,6 +18,7 @@ from sed2cad.primitives.refine import median_size
 from sed2cad.primitives.vectors import unit
 
 _CELLS = 60  # cells along the extent of the points that are ordered
+_MOST_NODES = 1200  # more fill an area
 _SECTORS = 8  # of normals: what faces elsewhere is another cell, even at the same place
 _REACH = 2.6  # cells: neighbours
 _FOLD = 0.2  # cosine between the normals of neighbours
@@ -46,7 +48,7 @@ def course(flat: Array, arrows: Array, noise: float) -> Course | None:
     misses its beginning by the period.
     """
     nodes, normals, cell = _nodes(flat, arrows, noise)
-    if len(nodes) < 4:
+    if not 4 <= len(nodes) <= _MOST_NODES:
         return None
     tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
     pairs, tree = _neighbours(nodes, normals, cell)
@@ -108,15 +110,12 @@ def _settled(
     count: int, pairs: NDArray[np.int64], steps: Array, rounds: Array, period: float
 ) -> tuple[Array, float]:
     """Least squares lengths (count,) from the steps between pairs, and the period."""
-    system = np.zeros((len(pairs) + 1, count + 1))
-    rows = np.arange(len(pairs))
-    system[rows, pairs[:, 1]] += 1
-    system[rows, pairs[:, 0]] -= 1
-    system[rows, count] = -rounds
-    system[-1, 0] = 1
-    if not rounds.any():
-        system = system[:, :count]
-    solution = np.linalg.lstsq(system, np.append(steps, 0.0), rcond=1e-10)[0]
+    rows, ones = np.arange(len(pairs)), np.ones(len(pairs))
+    row, column = np.concatenate([rows, rows, rows]), np.append(pairs.T.ravel(), np.full(len(pairs), count))
+    system = csr_array((np.concatenate([-ones, ones, -rounds]), (row, column)), shape=(len(pairs), count + 1))
+    small = np.full(count + 1, 1e-9)
+    small[0] = 1.0  # the first node is at 0
+    solution = spsolve((system.T @ system + diags_array(small)).tocsc(), system.T @ steps)
     return solution[:count], float(solution[count]) if rounds.any() else period
 
 
