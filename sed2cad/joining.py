@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sed2cad.fitting import parameter_count, root_mean_square
 from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.robust_fit import FINEST
 from sed2cad.primitives.swept_choice import Explained, swept_instead
 from sed2cad.scan.neighbours import nearest
 from sed2cad.scan.scan import Scan
@@ -19,6 +20,7 @@ _SMOOTH = np.cos(np.radians(20.0))  # between the normals of neighbours across a
 _LEAST_PAIRS = 6  # of neighbours across it
 _LEAST_SHARE = 0.6  # of these that are smooth
 _MOST_TRIALS = 40
+_POOR = 3.0  # times the noise: rms of an analytic surface that does not explain its points
 
 Pair = tuple[int, int]
 
@@ -26,10 +28,12 @@ Pair = tuple[int, int]
 def joined(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
     """The patches in order, freeform neighbours that one profile sweeps as one in the place of the first.
 
+    An analytic neighbour may join them where its surface does not explain its points.
     They must go on smoothly across their border, and one surface must explain them at no higher cost than theirs.
     """
     patches: list[FittedPatch | None] = list(fitted)
-    free = [k for k, patch in enumerate(fitted) if patch.patch.kind == "bspline"]
+    poor = _POOR * max(scan.noise, FINEST)
+    free = [k for k, patch in enumerate(fitted) if patch.patch.kind == "bspline" or patch.rms > poor]
     owner = np.full(len(scan.points), -1)
     for k in free:
         owner[fitted[k].patch.indices] = k
@@ -42,7 +46,7 @@ def joined(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
         tried.add((a, b))
         one, other = patches[a], patches[b]
         assert one is not None and other is not None
-        union = _union(scan, one, other)
+        union = _union(scan, one, other) if one.primitive.freeform or other.primitive.freeform else None
         if union is not None:
             patches[a], patches[b] = union, None
             owner[other.patch.indices] = a
