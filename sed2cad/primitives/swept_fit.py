@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.extrusion import Extrusion
@@ -31,8 +32,9 @@ _HOPELESS = 5.0  # sigma: a median residual above this,
 _GAIN = 0.7  # times that of the round before, will not come down by more knots: the surface is not swept
 _TURNS = 3  # Gauss-Newton steps for each
 _LONGEST_TILT = 0.1  # radians, in one step
-_MARGIN = 0.03  # of the profile's length, that it goes on beyond the points
-_TO_AXIS = 2.0  # margins: an end of a profile that is this near to the axis reaches it
+_MARGIN = 0.03  # of the profile's length, that it goes on beyond the points,
+_SPACINGS = 2.0  # but no more than so many times their distance from each other
+_TO_AXIS = 0.06  # of that length: an end of a profile that is this near to the axis reaches it
 _REWEIGHTED = 4
 _CAUCHY = 2.385  # 95 % efficiency on Gaussian noise
 _ANGLE = 0.3  # radians: an error of normals that counts as much as the noise; they err in groups
@@ -200,9 +202,10 @@ class _Fitting:
         if profile.closed:
             return self.surface
         low, high = profile.ends
-        margin = _MARGIN * (high - low)
+        spacing = float(np.median(cKDTree(self.points).query(self.points, 2)[0][:, 1]))
+        margin = min(_MARGIN * (high - low), _SPACINGS * spacing)
         if isinstance(self.surface, Revolution):
-            grown = reaching(profile, margin, round=True, snap=_TO_AXIS * margin)
+            grown = reaching(profile, margin, round=True, snap=_TO_AXIS * (high - low))
         else:
             grown = profile.longer(margin, margin, round=True)
         return replace(self.surface, profile=grown)
