@@ -13,12 +13,16 @@ from sed2cad.network.predict_net import predicted_starts
 from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.freeform_fit import fit_freeform
 from sed2cad.primitives.oriented_fit import directions, normal_noise, oriented_fit, points_know_better
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.refine import is_degenerate, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
+from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.robust_fit import FINEST, START_POINTS, explains, misfits, robust_fit, thinned
+from sed2cad.primitives.swept_choice import Explained, swept_instead
+from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.scan.scan import Scan
 
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
@@ -113,7 +117,8 @@ def _measured(primitive: Primitive, points: Array, used: Array, noise: float) ->
 def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
     """Every patch with its primitive, in order (paper, eq. 7: without edge points, except for B-splines).
 
-    Where the patch's kind cannot be fitted, another one is chosen; at worst a plane.
+    Where the patch's kind cannot be fitted, another one is chosen; at worst a plane. A freeform patch that a profile
+    sweeps becomes an extrusion or a surface of revolution.
     """
     fitted = [_fit_patch(scan, patch, math.inf) for patch in patches]
     angle = angle_noise(scan, fitted)
@@ -149,6 +154,11 @@ def _fit_patch(scan: Scan, patch: Patch, angle: float) -> FittedPatch:
         if chosen and chosen.primitive.kind == "bspline":  # the choice was a quick one
             found = fit("bspline", points, normals, scan.noise) or found
     primitive, rms, covariance = found
+    if isinstance(primitive, TensorPatch):
+        instead = swept_instead([Explained(primitive, parameter_count(primitive), points, normals)], scan.noise)
+        if instead is not None:
+            primitive, covariance = instead
+            rms = root_mean_square(primitive.distance(points))
     return FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
 
 
@@ -193,7 +203,15 @@ def _costs(primitives: Sequence[Primitive], points: Array, normals: Array, sigma
 
 def _parameter_count(primitive: Primitive) -> int:
     """Numbers that the points had to determine; smoothing ties about half of a spline's."""
-    return primitive.heights.size // 2 if isinstance(primitive, BSplineSurface) else primitive.freedom
+    return parameter_count(primitive) // 2 if isinstance(primitive, BSplineSurface) else primitive.freedom
+
+
+def parameter_count(primitive: Primitive) -> int:
+    """Numbers that shape and place a surface."""
+    if isinstance(primitive, TensorPatch):
+        return primitive.shape_numbers
+    profile = primitive.profile.numbers if isinstance(primitive, Extrusion | Revolution) else 0
+    return primitive.freedom + profile
 
 
 def _radius(primitive: Primitive) -> float:

@@ -13,6 +13,7 @@ from sed2cad.assembly import assemble
 from sed2cad.brep.worker import warm_up
 from sed2cad.errors import UsageError
 from sed2cad.fitting import fit_patches
+from sed2cad.joining import joined
 from sed2cad.model import CadModel
 from sed2cad.network.predict import PointLabels, predict
 from sed2cad.network.weights import load_weights
@@ -49,7 +50,7 @@ def reconstruct(
         clock.done("network", "types, edges and descriptors of every point")
         patches = segment(prepared, labels, settings.seed)
         clock.done("segment", f"{len(patches)} patches")
-        fitted = fit_patches(prepared, patches)
+        fitted = joined(prepared, fit_patches(prepared, patches))
         clock.done("fit", count_kinds(fitted))
         assembly = assemble(prepared, fitted, settings, clock.done)
     notes = tuple(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, UserWarning)))

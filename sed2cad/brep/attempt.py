@@ -25,12 +25,14 @@ from sed2cad.geometry.polygons import Cloud
 from sed2cad.geometry.realise import realise
 from sed2cad.geometry.seams import OpenFace, place
 from sed2cad.primitives.base import FittedPatch, Primitive
+from sed2cad.primitives.registry import SWEPT_KINDS
 from sed2cad.scan.scan import Frame, Mesh
 from sed2cad.topology.model import Topology
 
 _MOST_POINTS = 5000  # that a solid is judged by
 
-Rung = Literal["exact", "bspline", "freeform", "facets"]  # freeform: in place of an exact face that failed
+# swept: extrusion or revolution; freeform: in place of an exact face that failed
+Rung = Literal["exact", "swept", "bspline", "freeform", "facets"]
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class FaceReport:
 
     region: int  # of the topology; -1 for facets
     primitive: int  # index into `fitted`; -1 for facets
-    kind: str  # "plane", "cylinder", ..., "bspline", "facet"
+    kind: str  # "plane", "cylinder", ..., "bspline", "extrusion", "revolution", "facet"
     rung: Rung  # how exact the face is
     deviation: float  # rms distance of its points, world units; NaN where it has none
 
@@ -202,7 +204,9 @@ def _reports(
 def _rung(primitive: Primitive | None) -> Rung:
     if primitive is None:
         return "facets"
-    return "bspline" if primitive.kind == "bspline" else "exact"
+    if primitive.kind in SWEPT_KINDS:
+        return "swept"
+    return "bspline" if primitive.freeform else "exact"
 
 
 @dataclass(frozen=True)

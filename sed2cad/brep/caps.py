@@ -18,10 +18,12 @@ from OCP.TopAbs import TopAbs_FORWARD, TopAbs_REVERSED
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Vertex
 
 from sed2cad.brep.kernel import Array, direction, pnt
+from sed2cad.brep.splines import meridian_of
 from sed2cad.geometry.curves import TURN
 from sed2cad.geometry.layout import Placement
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.cone import Cone
+from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.sphere import Sphere
 
 _TOLERANCE = 1e-7
@@ -81,6 +83,12 @@ def _meridian(primitive: Primitive, placement: Placement, point: Array) -> _Meri
         circle = Geom_Circle(gp_Ax2(pnt(origin), direction(np.cross(x, z)), direction(x)), primitive.radius)
         at = math.atan2(height, float((point - origin) @ x))
         return _Meridian(circle, at, pole, origin + math.copysign(primitive.radius, pole) * z)
+    if isinstance(primitive, Revolution):
+        profile = primitive.profile
+        at = float(profile.foot(primitive.meridian(point[None]))[0])
+        end = profile.ends[int(placement.pole.up)]
+        tip = primitive.origin + float(profile.at(np.array([end]))[0, 1]) * z
+        return _Meridian(meridian_of(primitive, placement), at, end, tip)
     assert isinstance(primitive, Cone)
     sin, cos = math.sin(primitive.half_angle), math.cos(primitive.half_angle)
     radius = float((origin - primitive.apex) @ z) * sin / cos

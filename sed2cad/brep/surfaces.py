@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from OCP.Geom import (
-    Geom_BSplineCurve,
     Geom_BSplineSurface,
     Geom_Circle,
     Geom_ConicalSurface,
@@ -17,22 +15,26 @@ from OCP.Geom import (
     Geom_Plane,
     Geom_SphericalSurface,
     Geom_Surface,
+    Geom_SurfaceOfLinearExtrusion,
+    Geom_SurfaceOfRevolution,
     Geom_ToroidalSurface,
 )
-from OCP.gp import gp_Ax2
-from OCP.TColgp import TColgp_Array1OfPnt, TColgp_Array2OfPnt
-from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal
+from OCP.gp import gp_Ax1, gp_Ax2
+from OCP.TColgp import TColgp_Array2OfPnt
 
 from sed2cad.brep.freeform import around_axis, clamped_net, cut_open
 from sed2cad.brep.kernel import Array, axes, direction, pnt
+from sed2cad.brep.splines import knots_of, meridian_of, spline_curve, swept_curve
 from sed2cad.geometry.curves import Circle, Curve, Ellipse, Interpolated, Line
 from sed2cad.geometry.layout import Placement
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.net_surface import NetSurface
 from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.primitives.torus import Torus
 
@@ -56,6 +58,11 @@ def surface_of(primitive: Primitive, placement: Placement, points: Array) -> Geo
     if isinstance(primitive, BSplineSurface):
         net = clamped_net(primitive) if primitive.base == "plane" else around_axis(primitive, placement.x, points)
         return _bspline_surface(*net)
+    if isinstance(primitive, Extrusion):
+        return Geom_SurfaceOfLinearExtrusion(swept_curve(primitive, placement), direction(primitive.direction))
+    if isinstance(primitive, Revolution):
+        axis = gp_Ax1(pnt(primitive.origin), direction(primitive.axis))
+        return Geom_SurfaceOfRevolution(meridian_of(primitive, placement), axis)
     raise TypeError(f"no surface for a {primitive.kind}")
 
 
@@ -70,10 +77,7 @@ def curve_of(curve: Curve) -> Geom_Curve:
         return Geom_Ellipse(frame, curve.major, curve.minor)
     assert isinstance(curve, Interpolated)
     spline = curve.spline
-    poles = TColgp_Array1OfPnt(1, len(spline.c))
-    for k, point in enumerate(spline.c, start=1):
-        poles.SetValue(k, pnt(point))
-    return Geom_BSplineCurve(poles, *_knots(spline.t), spline.k)
+    return spline_curve(spline.c, spline.t, spline.k)
 
 
 def _bspline_surface(net: Array, knots_u: Array, knots_v: Array, closed_u: bool) -> Geom_BSplineSurface:
@@ -82,20 +86,9 @@ def _bspline_surface(net: Array, knots_u: Array, knots_v: Array, closed_u: bool)
     for i in range(net.shape[0]):
         for j in range(net.shape[1]):
             poles.SetValue(i + 1, j + 1, pnt(net[i, j]))
-    u, times_u = _knots(knots_u)
-    v, times_v = _knots(knots_v)
+    u, times_u = knots_of(knots_u)
+    v, times_v = knots_of(knots_v)
     surface = Geom_BSplineSurface(poles, u, v, times_u, times_v, 3, 3)
     if closed_u:
         surface.SetUPeriodic()
     return surface
-
-
-def _knots(knots: Array) -> tuple[TColStd_Array1OfReal, TColStd_Array1OfInteger]:
-    """Different knots and how often each occurs; what differs by rounding only is the same."""
-    starts = np.flatnonzero(np.diff(knots, prepend=-np.inf) > 1e-9 * (knots[-1] - knots[0]))
-    times = np.diff(np.append(starts, len(knots)))
-    found, count = TColStd_Array1OfReal(1, len(starts)), TColStd_Array1OfInteger(1, len(starts))
-    for k, (value, often) in enumerate(zip(knots[starts], times), start=1):
-        found.SetValue(k, float(value))
-        count.SetValue(k, int(often))
-    return found, count

@@ -36,7 +36,7 @@ class Side:
     @property
     def free(self) -> bool:
         """Whether this is a free-form surface, which has no curvature to rely on."""
-        return self.primitive.kind == "bspline"
+        return self.primitive.freeform
 
     @property
     def loose(self) -> bool:

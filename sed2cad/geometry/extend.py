@@ -10,7 +10,9 @@ from scipy.interpolate import BSpline, NdBSpline, make_interp_spline
 from sed2cad.geometry.curves import Array
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.bspline import BSplineSurface
+from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.net_surface import NetSurface
+from sed2cad.primitives.revolution import Revolution, reaching
 from sed2cad.primitives.tensor_patch import DEGREE, greville
 
 _REACH = 0.04  # unit frame: by how much a patch grows on each side
@@ -19,10 +21,16 @@ _MOST_OF_EXTENT = 0.5  # that a control net grows by: it may be a narrow strip
 
 def widened(fitted: FittedPatch) -> FittedPatch:
     """The fitted patch, a free-form one continued straight on beyond its borders."""
-    if isinstance(fitted.primitive, NetSurface):
-        return replace(fitted, primitive=extended_net(fitted.primitive, _REACH))
-    if isinstance(fitted.primitive, BSplineSurface):
-        return replace(fitted, primitive=extended(fitted.primitive, _REACH))
+    primitive = fitted.primitive
+    if isinstance(primitive, NetSurface):
+        return replace(fitted, primitive=extended_net(primitive, _REACH))
+    if isinstance(primitive, BSplineSurface):
+        return replace(fitted, primitive=extended(primitive, _REACH))
+    if isinstance(primitive, Extrusion) and not primitive.profile.closed:
+        profile = primitive.profile.longer(_REACH, _REACH)
+        return replace(fitted, primitive=replace(primitive, profile=profile))
+    if isinstance(primitive, Revolution) and not primitive.profile.closed:
+        return replace(fitted, primitive=replace(primitive, profile=reaching(primitive.profile, _REACH)))
     return fitted
 
 

@@ -18,13 +18,16 @@ from sed2cad.geometry.curves import TURN, Array, Curve
 from sed2cad.geometry.layout import Draft, Layout, Placement, Pole
 from sed2cad.geometry.loose import Loose
 from sed2cad.geometry.poles import sphere_pole
+from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.net_surface import NetSurface
 from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.profile import Profile
+from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.sphere import Sphere
-from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.primitives.torus import Torus
 from sed2cad.primitives.vectors import about_axis, tangent_frame
 
@@ -57,7 +60,7 @@ def place(draft: Draft) -> Layout:
 
 @dataclass(frozen=True)
 class _Turning:
-    """A face on a surface of revolution: its axis and where the seam would be by default."""
+    """A face on a surface that closes on itself about an axis: that axis and where the seam would be by default."""
 
     origin: Array  # (3,)
     z: Array  # (3,), unit
@@ -83,6 +86,10 @@ class _Turning:
             return cls(primitive.apex, primitive.axis, _usual_x(primitive.axis))
         if isinstance(primitive, Torus):
             return cls(primitive.centre, primitive.axis, _usual_x(primitive.axis))
+        if isinstance(primitive, Revolution):
+            return cls(primitive.origin, primitive.axis, _usual_x(primitive.axis))
+        if isinstance(primitive, Extrusion) and primitive.profile.closed:
+            return _Sweeping(primitive.origin, primitive.direction, primitive.x_axis, primitive)
         return None
 
     def angles(self, points: Array) -> Array:
@@ -120,6 +127,30 @@ class _Around(_Turning):
         return Placement(origin, self.z, self.x, pole, self.seam)
 
 
+@dataclass(frozen=True)
+class _Sweeping(_Turning):
+    """A face on an extruded closed profile; its angles are shares of the profile's length."""
+
+    surface: Extrusion
+    seam: float = 0.0  # radians from the profile's beginning
+
+    def angles(self, points: Array) -> Array:
+        return _wrapped(_share(self.surface.profile, self.surface.flat(points)) - self.seam)
+
+    def turned(self, angle: float) -> _Turning:
+        profile = self.surface.profile
+        low, high = profile.ends
+        seam = self.seam + angle
+        start = profile.at(np.array([low + seam / TURN * (high - low)]))[0]
+        return replace(self, seam=seam, origin=self.surface.origin + start @ self.surface.axes)
+
+
+def _share(profile: Profile, flat: Array) -> Array:
+    """Where along a closed profile the feet of points (n, 2) are, as angles (n,)."""
+    low, high = profile.ends
+    return np.asarray((profile.foot(flat) - low) * (TURN / (high - low)))
+
+
 def _usual_x(axis: Array) -> Array:
     """The same direction for an axis and its opposite, so that coaxial faces share their seam."""
     strong = axis[int(np.argmax(np.abs(axis) > 0.5))]
@@ -133,6 +164,8 @@ def _flat(draft: Draft, region: int) -> Placement:
     primitive = draft.primitive(region)
     if isinstance(primitive, BSplineSurface):
         return Placement(primitive.origin, primitive.frame[2], primitive.frame[0])
+    if isinstance(primitive, Extrusion):
+        return Placement(primitive.origin, primitive.direction, primitive.x_axis)
     if isinstance(primitive, (Loose, NetSurface)):
         return Placement(centre, np.eye(3)[2], np.eye(3)[0])
     assert isinstance(primitive, Plane)
@@ -141,7 +174,7 @@ def _flat(draft: Draft, region: int) -> Placement:
 
 
 def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
-    """Choose the seam of a face on a surface of revolution and bring its edges to it."""
+    """Choose the seam of a face on a surface that closes on itself and bring its edges to it."""
     loops = draft.loops[region]
     samples = [draft.loop_samples(loop) for loop in loops]
     turns = [_winding(turning.angles(s)) for s in samples]
@@ -151,16 +184,15 @@ def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
         angle = _seam_through(draft, [loops[k] for k in winding], others, turning)
     else:
         angle = _gap([turning.angles(s) for s in [*others, draft.topology.regions[region].points]])
-    turning = turning.turned(angle)
+    seamed = turning.turned(angle)
     for k in winding:
-        _bring_to_zero(draft, region, k, turning.angles)
-    primitive = draft.primitive(region)
-    if isinstance(primitive, Torus):
+        _bring_to_zero(draft, region, k, seamed.angles)
+    around_tube = _tube(draft.primitive(region))
+    if around_tube is not None:
         for k, s in enumerate(samples):
-            if _winding(_tube_angles(primitive, s)):
-                _bring_to_tube_seam(draft, region, k, primitive)
-    seamed = replace(turning, origin=_origin(draft, region, turning))
-    return seamed.placement(seamed.origin, _pole(draft, region, seamed, turns))
+            if _winding(around_tube(s)):
+                _bring_to_zero(draft, region, k, around_tube)
+    return seamed.placement(_origin(draft, region, seamed), _pole(draft, region, seamed, turns))
 
 
 def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) -> Pole | None:
@@ -172,7 +204,7 @@ def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) ->
         return None
     primitive = draft.primitive(region)
     up = sum(turns) * draft.fitted[draft.topology.regions[region].primitive].sign > 0
-    if not (isinstance(primitive, Sphere) or (isinstance(primitive, Cone) and not up)):
+    if not _has_pole(primitive, up):
         raise OpenFace(region, f"a {primitive.kind} face is open on one side: the face that closes it is missing")
     rings = [k for k, turn in enumerate(turns) if turn]
     if len(rings) > 1:
@@ -182,10 +214,17 @@ def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) ->
     return Pole(rings[0], ends[int(off.argmin())], up)
 
 
+def _has_pole(primitive: Primitive, up: bool) -> bool:
+    """Whether the surface comes together at that end."""
+    if isinstance(primitive, Revolution):
+        return primitive.poles()[int(up)]
+    return isinstance(primitive, Sphere) or (isinstance(primitive, Cone) and not up)
+
+
 def _origin(draft: Draft, region: int, turning: _Turning) -> Array:
     """The origin of the surface: amid the face where the axis leaves it open."""
     primitive = draft.primitive(region)
-    if isinstance(primitive, (Sphere, Torus, TensorPatch)):
+    if not isinstance(primitive, (Cylinder, Cone)):
         return turning.origin
     points = np.vstack([draft.topology.regions[region].points, *map(draft.loop_samples, draft.loops[region])])
     heights = about_axis(points, turning.origin, turning.z)[0]
@@ -198,16 +237,26 @@ def _winding(angles: Array) -> int:
     return round(float(steps.sum()) / TURN)
 
 
-def _tube_angles(torus: Torus, points: Array) -> Array:
-    """Angles (n,) around the tube from its outer equator."""
-    height, radius, _ = about_axis(points, torus.centre, torus.axis)
-    return np.arctan2(height, radius - torus.major_radius)
+def _tube(primitive: Primitive) -> Callable[[Array], Array] | None:
+    """Angles (n,) of points (n, 3) around the tube of a ring: from its outer equator, or where its profile begins."""
+    if isinstance(primitive, Torus):
+        torus = primitive
+
+        def around_circle(points: Array) -> Array:
+            height, radius, _ = about_axis(points, torus.centre, torus.axis)
+            return np.arctan2(height, radius - torus.major_radius)
+
+        return around_circle
+    if isinstance(primitive, Revolution) and primitive.profile.closed:
+        ring = primitive
+        return lambda points: _wrapped(_share(ring.profile, ring.meridian(points)))
+    return None
 
 
 def _tube_winds(draft: Draft, region: int) -> bool:
-    primitive = draft.primitive(region)
-    return isinstance(primitive, Torus) and any(
-        _winding(_tube_angles(primitive, draft.loop_samples(loop))) for loop in draft.loops[region]
+    around_tube = _tube(draft.primitive(region))
+    return around_tube is not None and any(
+        _winding(around_tube(draft.loop_samples(loop))) for loop in draft.loops[region]
     )
 
 
@@ -243,11 +292,6 @@ def _seam_through(
 def _wrapped(angles: Array) -> Array:
     """Angles brought into [-pi, pi)."""
     return np.mod(angles + np.pi, TURN) - np.pi
-
-
-def _bring_to_tube_seam(draft: Draft, region: int, k: int, torus: Torus) -> None:
-    """Give loop k of a region a vertex on the outer equator of its torus, where the tube's seam is."""
-    _bring_to_zero(draft, region, k, lambda points: _tube_angles(torus, points))
 
 
 def _bring_to_zero(draft: Draft, region: int, k: int, angles: Callable[[Array], Array]) -> None:

@@ -24,8 +24,9 @@ class Primitive(ABC):
     are radians, lengths are in the unit of the points.
     """
 
-    kind: ClassVar[str]  # "plane", "cylinder", "cone", "sphere", "torus", "bspline"
+    kind: ClassVar[str]  # "plane", "cylinder", "cone", "sphere", "torus", "bspline", "extrusion", "revolution"
     freedom: ClassVar[int]  # length of delta; 0 where the shape is not a parameter vector (B-spline)
+    freeform: ClassVar[bool] = False  # whether a spline shapes it, so that its curvature is not to be relied on
 
     @abstractmethod
     def distance(self, points: Array) -> Array:
@@ -86,4 +87,4 @@ class FittedPatch:
     primitive: Primitive
     sign: int  # +1 when the outward normal is the primitive's normal, -1 when it is opposite (a bore)
     rms: float  # of the interior points' distances, unit frame
-    covariance: Array  # (freedom, freedom) in the primitive's chart; (0, 0) for B-splines
+    covariance: Array  # (freedom, freedom) in the primitive's chart, of the pose if swept; (0, 0) for B-splines

@@ -32,6 +32,10 @@ class BSplineSurface(TensorPatch):
     knots_v: Array  # (nv + 4,), clamped
     heights: Array  # (nu, nv), control heights or control radii
 
+    @property
+    def shape_numbers(self) -> int:
+        return self.heights.size
+
     @cached_property
     def _spline(self) -> NdBSpline:
         return NdBSpline((self.knots_u, self.knots_v), self.heights, DEGREE)

@@ -39,6 +39,10 @@ class NetSurface(TensorPatch):
         low, high = self.domain
         return float(high[0] - low[0]) if self.closed else 0.0
 
+    @property
+    def shape_numbers(self) -> int:
+        return self.net.size // 3
+
     @cached_property
     def _spline(self) -> NdBSpline:
         return NdBSpline((self.knots_u, self.knots_v), self.net, DEGREE)

@@ -14,16 +14,19 @@ _CLASSES = {
     "sphere": "Sphere",
     "torus": "Torus",
     "bspline": "BSplineSurface",
+    "extrusion": "Extrusion",
+    "revolution": "Revolution",
 }
 
-KINDS: tuple[str, ...] = tuple(_CLASSES)
+SWEPT_KINDS: tuple[str, ...] = ("extrusion", "revolution")  # what a patch of kind "bspline" may turn out to be
+KINDS: tuple[str, ...] = tuple(kind for kind in _CLASSES if kind not in SWEPT_KINDS)  # of patches
 ANALYTIC_KINDS: tuple[str, ...] = KINDS[:-1]
 
 
 def primitive_class(kind: str) -> type[Primitive]:
     """The class whose `kind` this is. ValueError for an unknown kind."""
     if kind not in _CLASSES:
-        raise ValueError(f"There is no primitive '{kind}'; there are {', '.join(KINDS)}.")
+        raise ValueError(f"There is no primitive '{kind}'; there are {', '.join(_CLASSES)}.")
     module = import_module(f"sed2cad.primitives.{kind}")
     found: type[Primitive] = getattr(module, _CLASSES[kind])
     return found

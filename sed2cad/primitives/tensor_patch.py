@@ -23,9 +23,15 @@ class TensorPatch(Primitive):
 
     kind: ClassVar[str] = "bspline"
     freedom: ClassVar[int] = 0
+    freeform: ClassVar[bool] = True
 
     knots_u: Array  # (nu + 4,)
     knots_v: Array  # (nv + 4,), clamped
+
+    @property
+    @abstractmethod
+    def shape_numbers(self) -> int:
+        """How many numbers shape the surface; control points that slide along it do not."""
 
     @abstractmethod
     def tangents(self, uv: Array) -> tuple[Array, Array, Array]:

@@ -24,7 +24,7 @@ class FaceSummary:
     """One face of the solid."""
 
     name: str  # of the primitive that carries it
-    rung: str  # "exact", "bspline", "freeform" (in place of an exact face) or "facets": how the face was made
+    rung: str  # how the face was made: "exact", "swept", "bspline", "freeform" (in place of an exact one), "facets"
     deviation: float  # rms distance of its points, in the scan's unit
 
 

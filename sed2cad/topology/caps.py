@@ -11,6 +11,7 @@ from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.torus import Torus
 from sed2cad.primitives.vectors import tangent_frame
 from sed2cad.scan.scan import Array, Mesh, Scan
@@ -22,7 +23,7 @@ _LEAST_TRIANGLES = 3
 _NEAR_APEX = 0.02  # unit frame: a cone's region may end at its apex
 
 
-def turns(primitive: Cylinder | Cone | Torus, region: Region, chains: Sequence[Chain]) -> float:
+def turns(primitive: Cylinder | Cone | Torus | Revolution, region: Region, chains: Sequence[Chain]) -> float:
     """How often the loops of a region go around the axis, in all; 0 when nothing is missing."""
     x, y = tangent_frame(primitive.axis)
     origin = _origin(primitive)
@@ -55,8 +56,10 @@ def missing_cap(
     return None
 
 
-def _origin(primitive: Cylinder | Cone | Torus) -> Array:
+def _origin(primitive: Cylinder | Cone | Torus | Revolution) -> Array:
     """A point (3,) of the axis."""
+    if isinstance(primitive, Revolution):
+        return primitive.origin
     if isinstance(primitive, Torus):
         return primitive.centre
     return primitive.apex if isinstance(primitive, Cone) else primitive.point

@@ -12,6 +12,7 @@ from sed2cad.fitting import fit
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.torus import Torus
 from sed2cad.scan.scan import Scan
 from sed2cad.topology.caps import turns
@@ -32,10 +33,13 @@ def closable(scan: Scan, topology: Topology, fitted: Sequence[FittedPatch]) -> l
 def _is_open(face: Region, topology: Topology, fitted: Sequence[FittedPatch]) -> bool:
     """Whether the loops of a face go around its axis without coming back, and no apex lies inside."""
     patch = fitted[face.primitive]
-    if not face.loops or not isinstance(patch.primitive, Cylinder | Cone | Torus):
+    primitive = patch.primitive
+    if not face.loops or not isinstance(primitive, Cylinder | Cone | Torus | Revolution):
         return False
-    around = turns(patch.primitive, face, topology.chains)
-    has_apex = isinstance(patch.primitive, Cone) and around * patch.sign < 0
+    around = turns(primitive, face, topology.chains)
+    has_apex = isinstance(primitive, Cone) and around * patch.sign < 0
+    if isinstance(primitive, Revolution):
+        has_apex = primitive.poles()[int(around * patch.sign > 0)]
     return abs(around) > 0.5 and not has_apex
 
 
