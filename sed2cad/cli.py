@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import functools
 import sys
-import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 from typer.core import TyperGroup
 
 from sed2cad import __version__
+from sed2cad.console import Progress, counter, print_summary
 from sed2cad.errors import AssemblyError, Sed2cadError, UsageError
 from sed2cad.evaluation import commands
-
-if TYPE_CHECKING:
-    from sed2cad.model import CadModel
+from sed2cad.files import require_folder, require_writable
 
 MAIN_JOB = "reconstruct"
 OWN_OPTIONS = ("--help", "--version")
@@ -83,33 +80,6 @@ def show_traceback(options: dict[str, Any]) -> None:
         traceback.print_exc()
 
 
-class Progress:
-    """One line on stderr for each stage that has ended: what it found and how long it took."""
-
-    def __init__(self, quiet: bool) -> None:
-        self.quiet, self.start = quiet, time.perf_counter()
-        self.last = self.start
-
-    def __call__(self, stage: str, message: str) -> None:
-        now = time.perf_counter()
-        seconds, self.last = now - self.last, now
-        if self.quiet:
-            return
-        if not sys.stderr.isatty():
-            print(f"{stage:<10} {message}  {seconds:.1f} s", file=sys.stderr, flush=True)
-            return
-        from rich.console import Console
-        from rich.text import Text
-
-        line = Text.assemble((f"{stage:<10} ", "bold cyan"), message, (f"  {seconds:.1f} s", "dim"))
-        Console(stderr=True).print(line)
-
-    @property
-    def total(self) -> float:
-        """Seconds since the start."""
-        return time.perf_counter() - self.start
-
-
 def show_version(wanted: bool) -> None:
     """--version"""
     if wanted:
@@ -161,7 +131,7 @@ def reconstruct_command(
     reader_of(scan)
     step = step or scan.with_suffix(".step")
     document = report or (step.with_suffix(".json") if script else None)
-    require_writable({"--step": step, "--report": document, "--script": script}, scan)
+    require_outputs({"--step": step, "--report": document, "--script": script}, scan)
     from sed2cad.pipeline import reconstruct
 
     progress = Progress(quiet)
@@ -190,7 +160,7 @@ def vary_command(
 ) -> None:
     """Change dimensions of a reconstructed part and solve its edges again."""
     changes = parse_changes(set_)
-    require_writable({"--step": step, "--report": report}, model)
+    require_outputs({"--step": step, "--report": report}, model)
     from sed2cad.model import CadModel
 
     progress = Progress(quiet)
@@ -215,11 +185,7 @@ def dataset_command(
     require_folder(folder)
     from sed2cad.training.dataset import build_dataset
 
-    def tell(done: int, total: int, name: str) -> None:
-        if not quiet and (done % 50 == 0 or done == total):
-            print(f"dataset    {done} of {total}: {name}", file=sys.stderr, flush=True)
-
-    made = build_dataset(folder, out, workers, tell)
+    made = build_dataset(folder, out, workers, counter("dataset", quiet))
     for path, reason in made.skipped.items() if verbose else ():
         print(f"skipped {path}: {reason}", file=sys.stderr)
     if not quiet:
@@ -241,11 +207,7 @@ def synthetic_command(
     """Make random mechanical parts, to train on."""
     from sed2cad.training.synthetic import write_parts
 
-    def tell(done: int, total: int, name: str) -> None:
-        if not quiet and (done % 50 == 0 or done == total):
-            print(f"synthetic  {done} of {total}: {name}", file=sys.stderr, flush=True)
-
-    made = write_parts(out, count, seed, workers, tell)
+    made = write_parts(out, count, seed, workers, counter("synthetic", quiet))
     for path, reason in made.failed.items() if verbose else ():
         print(f"failed {path}: {reason}", file=sys.stderr)
     if not quiet:
@@ -268,13 +230,14 @@ def train_command(
     verbose: Verbose = False,
 ) -> None:
     """Train the network; under torchrun in several processes."""
-    for folder in data:
-        require_parts(folder)
     from dataclasses import replace
 
+    from sed2cad.training.dataset import parts_in
     from sed2cad.training.settings import PRESETS
     from sed2cad.training.train import train
 
+    for folder in data:
+        parts_in(folder)
     if preset not in PRESETS:
         raise UsageError(f"there is no preset {preset}; choose one of {', '.join(PRESETS)}")
 
@@ -311,57 +274,15 @@ def parse_changes(settings: list[str]) -> dict[str, dict[str, Any]]:
     return changes
 
 
-def require_writable(outputs: dict[str, Path | None], source: Path) -> None:
-    """UsageError before the work when an output could not be written after it."""
+def require_outputs(outputs: dict[str, Path | None], source: Path) -> None:
+    """UsageError before the work when an output could not be written after it, or two are one file."""
     seen = {source.resolve(): "the input"}
     for option, path in outputs.items():
         if path is None:
             continue
         if option == "--step" and path.suffix.lower() not in (".step", ".stp"):
             raise UsageError(f"{path}: --step writes STEP files; give it a name that ends in .step")
-        if path.is_dir():
-            raise UsageError(f"{path}: this is a folder; give {option} a file name")
+        require_writable(option, path)
         if path.resolve() in seen:
             raise UsageError(f"{path}: {option} would overwrite {seen[path.resolve()]}; choose another name")
         seen[path.resolve()] = f"the output of {option}"
-        if not path.parent.is_dir():
-            raise UsageError(f"{path}: there is no folder {path.parent}; make it or choose another name")
-        try:
-            with tempfile.TemporaryFile(dir=path.parent):
-                pass
-        except OSError as error:
-            raise UsageError(f"{path}: cannot be written ({error.strerror}); choose another name") from error
-
-
-def require_folder(folder: Path) -> None:
-    """UsageError where there is no such folder."""
-    if not folder.is_dir():
-        raise UsageError(f"{folder}: there is no such folder; check the name")
-
-
-def require_parts(folder: Path) -> None:
-    """UsageError where a folder holds no packed parts."""
-    require_folder(folder)
-    if not any(folder.glob("*.npz")):
-        raise UsageError(f"{folder}: there are no packed parts in it; make them with `sed2cad dataset`")
-
-
-def print_summary(model: CadModel, step: Path, seconds: float, verbose: bool) -> None:
-    """What was made, on stdout; warnings go to stderr."""
-    report, unit = model.report, model.unit
-    state = "closed solid" if report.closed else "open shell"
-    exact = "all exact" if report.exact_faces == report.faces else f"{report.exact_faces} exact"
-    print(f"{step}: {state}, {report.faces} faces, {exact} ({report.rung})")
-    off = report.deviation
-    if off.rms == off.rms:
-        print(f"deviation from the scan: rms {off.rms:.3g}, p95 {off.p95:.3g}, max {off.max:.3g} {unit}")
-    print(f"volume {report.volume:.6g} {unit}^3, {seconds:.1f} s")
-    if report.reason:
-        print(f"warning: {report.reason}", file=sys.stderr)
-    for warning in report.warnings:
-        print(f"warning: {warning}", file=sys.stderr)
-    for face in report.face_list:
-        if verbose or face.rung != "exact":
-            print(f"  {face.name:<16} {face.rung:<8} rms {face.deviation:.3g} {unit}")
-    for constraint in report.constraints if verbose else ():
-        print(f"  {constraint}")

@@ -34,3 +34,22 @@ def write_text(path: Path, text: str) -> None:
     """Write `text` to `path`, whole or not at all."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def require_writable(option: str, path: Path) -> None:
+    """UsageError before the work when a file could not be written after it."""
+    if path.is_dir():
+        raise UsageError(f"{path}: this is a folder; give {option} a file name")
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder {path.parent}; make it or choose another name")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written ({error.strerror}); choose another name") from error
+
+
+def require_folder(folder: Path) -> None:
+    """UsageError where there is no such folder."""
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: there is no such folder; check the name")

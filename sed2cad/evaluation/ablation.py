@@ -15,11 +15,12 @@ import numpy as np
 
 from sed2cad.errors import UsageError
 from sed2cad.evaluation.methods import NETWORK
-from sed2cad.evaluation.segmentation import SegmentationSettings, evaluate_segmentation, parts_in
+from sed2cad.evaluation.segmentation import SegmentationSettings, evaluate_segmentation
 from sed2cad.evaluation.tables import aligned, share, to_json
 from sed2cad.files import write_text
 from sed2cad.network.sednet import Architecture
 from sed2cad.network.weights import load_weights
+from sed2cad.training.dataset import parts_in
 from sed2cad.training.settings import TrainSettings
 from sed2cad.training.train import train
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sed2cad.errors import UsageError
+from sed2cad.files import require_writable, write_text
 
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Trace errors.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")]
@@ -34,11 +34,11 @@ def segmentation(
 
     network: the network's clusters alone; refined: the pipeline's patches; growing: region growing on normals.
     """
-    require_place(json)
+    if json:
+        require_writable("--json", json)
     from sed2cad.evaluation.methods import METHODS
     from sed2cad.evaluation.segmentation import SegmentationSettings, evaluate_segmentation
     from sed2cad.evaluation.tables import segmentation_json, segmentation_text
-    from sed2cad.files import write_text
 
     def tell(done: int, total: int, part: str, seconds: float) -> None:
         if not quiet:
@@ -69,9 +69,9 @@ def ablation(
     verbose: Verbose = False,
 ) -> None:
     """Train the network without each of its ideas, under equal conditions (the paper's Table 4)."""
-    require_place(json)
+    if json:
+        require_writable("--json", json)
     from sed2cad.evaluation.ablation import AblationSettings, ablation_json, ablation_text, run_ablation
-    from sed2cad.files import write_text
 
     def tell(sentence: str) -> None:
         if not quiet:
@@ -97,13 +97,13 @@ def fitting(
     """Fit surfaces that are known: errors over the Cramer-Rao bound, kinds, B-splines, seconds.
 
     Noise 0.02, 0.1, 0.5 % of the size; 100, 500, 5,000 points; 360 to 45 degrees; 0, 10, 20 % outliers: all of them.
-    Kinds are chosen without outliers; B-splines are whole, with 0 and 20 %. Of PARTS the B-spline patches are fitted,
-    without noise.
+    Kinds are chosen without outliers; B-splines are whole, with 0 and 20 %. Of PARTS the B-spline patches are fitted
+    without noise, and it is counted which relations between their faces come out of a noisy scan.
     """
-    require_place(json)
+    if json:
+        require_writable("--json", json)
     from sed2cad.evaluation.fitting import FittingSettings, evaluate_fitting
     from sed2cad.evaluation.fitting_tables import fitting_json, fitting_text
-    from sed2cad.files import write_text
 
     def tell(done: int, total: int, seconds: float) -> None:
         if not quiet and (done % 20 == 0 or done == total):
@@ -113,11 +113,3 @@ def fitting(
     print(fitting_text(result))
     if json:
         write_text(json, fitting_json(result))
-
-
-def require_place(path: Path | None) -> None:
-    """UsageError before the work when the file could not be written after it."""
-    if path is not None and path.is_dir():
-        raise UsageError(f"{path}: this is a folder; give --json a file name")
-    if path is not None and not path.parent.is_dir():
-        raise UsageError(f"{path}: there is no folder {path.parent}; make it or choose another name")

@@ -15,13 +15,15 @@ from scipy.stats import chi2
 
 from sed2cad.evaluation.bound import chart_coordinates, cramer_rao
 from sed2cad.evaluation.choice import STRENGTHS, ChoiceScores, choose, ladder
-from sed2cad.evaluation.spline_patches import SplinePatchScores, score_spline_patches, spline_files
+from sed2cad.evaluation.relations import RelationCounts, evaluate_relations
+from sed2cad.evaluation.spline_patches import SplinePatchScores, score_spline_patches
 from sed2cad.evaluation.true_patches import FREEFORM, TruePatch, true_patch
 from sed2cad.fitting import fit, fit_patches
 from sed2cad.primitives.base import Array, Patch, Primitive
 from sed2cad.primitives.refine import centred, refine
 from sed2cad.primitives.registry import ANALYTIC_KINDS
 from sed2cad.scan.scan import Frame, Scan
+from sed2cad.training.dataset import parts_in
 
 NOISES = (0.0002, 0.001, 0.005)  # of the size
 COUNTS = (100, 500, 5000)
@@ -104,6 +106,7 @@ class FittingResult:
     splines: tuple[SplineScores, ...]
     part_seconds: float  # to fit the patches of a part of 40 faces
     spline_patches: tuple[SplinePatchScores, ...]  # of real parts, where some were given
+    relations: tuple[RelationCounts, ...]  # of their faces
     seconds: float
 
 
@@ -115,7 +118,7 @@ def evaluate_fitting(
     UsageError for a folder without parts.
     """
     start = time.perf_counter()
-    files = [] if parts is None else spline_files(parts)
+    files = [] if parts is None else parts_in(parts, cad=True)
     jobs: list[tuple[Cell, int]] = [(cell, settings.seeds) for cell in _cells(settings, ANALYTIC_KINDS)]
     jobs += [(cell, settings.few_seeds) for cell in _cells(settings, FREEFORM)]
     found: list[tuple[CellScores | SplineScores, ChoiceScores | None] | None] = [None] * len(jobs)
@@ -134,6 +137,7 @@ def evaluate_fitting(
         tuple(scores for scores, _ in rows if isinstance(scores, SplineScores)),
         part_seconds,
         score_spline_patches(files),
+        tuple(evaluate_relations(files, settings.workers)),
         time.perf_counter() - start,
     )
 

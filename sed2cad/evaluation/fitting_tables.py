@@ -10,6 +10,7 @@ import numpy as np
 
 from sed2cad.evaluation.choice import DISTINGUISHABLE, ChoiceScores
 from sed2cad.evaluation.fitting import CellScores, FittingResult
+from sed2cad.evaluation.relations import relations_text
 from sed2cad.evaluation.spline_patches import CLOSE, spline_patches_text
 from sed2cad.evaluation.tables import aligned, to_json
 from sed2cad.primitives.registry import ANALYTIC_KINDS
@@ -18,6 +19,7 @@ _PART_SECONDS = 2.0
 _SPLINE_RESIDUAL = 0.3  # of the noise, at so many points:
 _SPLINE_POINTS = 5000
 _RIGHT = 0.98
+_KEPT, _MADE_UP = 0.95, 0.005  # of pairs of faces
 _LIMITS = ((0.0, 1.2, 2.0), (0.2, 1.5, 3.0))  # outliers, median, 95th percentile
 _BINS = (5.0, 7.0, 10.0, 20.0, float("inf"))  # sigma
 
@@ -40,6 +42,7 @@ def fitting_text(result: FittingResult) -> str:
     """The tables: parameters, choices, B-splines, worst cells, targets."""
     parts = [_parameters(result.cells), _choices(result.choices), _near(result.ladder), _splines(result)]
     parts += [[spline_patches_text(result.spline_patches)]] if result.spline_patches else []
+    parts += [[relations_text(result.relations)]] if result.relations else []
     parts += [_worst(result.cells), _targets(result)]
     seeds = f"{result.settings.seeds} seeds a cell, {result.settings.few_seeds} of choices and B-splines"
     return "\n\n".join("\n".join(lines) for lines in parts) + f"\n\n{seeds}; {result.seconds:.0f} s"
@@ -71,6 +74,9 @@ def targets(result: FittingResult) -> list[Target]:
     median, high = np.quantile(near, (0.5, 0.95), method="higher") if near else (np.nan, np.nan)
     found.append(Target("B-spline patches of parts without noise: rms / size, median", float(median), CLOSE))
     found.append(Target("B-spline patches of parts without noise: rms / size, 95 %", float(high), CLOSE))
+    for row in (row for row in result.relations if row.true):
+        found.append(Target(f"{row.relation}: true pairs made exactly so", row.found / row.true, _KEPT, at_least=True))
+        found.append(Target(f"{row.relation}: other pairs made so", row.false / max(row.others, 1), _MADE_UP))
     found.append(Target("seconds for a part of 40 faces", result.part_seconds, _PART_SECONDS))
     return [target for target in found if target.value == target.value]
 

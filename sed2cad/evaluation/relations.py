@@ -3,14 +3,17 @@ that are not: noisy scans of true parts, with true labels."""
 
 from __future__ import annotations
 
+import multiprocessing
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.errors import AssemblyError
+from sed2cad.errors import AssemblyError, ScanError
+from sed2cad.evaluation.tables import aligned
 from sed2cad.evaluation.trial import Trial, cloud_of, make_trial
 from sed2cad.fitting import fit_patches
 from sed2cad.network.types import BSPLINE, CYLINDER, PATCH_TYPES, PLANE, SPHERE, TORUS
@@ -75,6 +78,21 @@ class Axes:
         }
 
 
+def evaluate_relations(files: Sequence[Path], workers: int = 1) -> list[RelationCounts]:
+    """All pairs of all parts, packed or CAD files; a part that makes no scan has none."""
+    if not files:
+        return []
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        return total(list(pool.map(_counts, files)))
+
+
+def _counts(path: Path) -> list[RelationCounts]:
+    try:
+        return score_relations(path)
+    except ScanError:
+        return [RelationCounts(relation, 0, 0, 0, 0) for relation in RELATIONS]
+
+
 def score_relations(path: Path, noise: float = NOISE, seed: int = 0) -> list[RelationCounts]:
     """One packed part, scanned with noise, its true patches fitted and regularised. ScanError."""
     part, cloud = load_part(path), cloud_of(path, None, seed)
@@ -106,6 +124,16 @@ def total(rows: Sequence[Sequence[RelationCounts]]) -> list[RelationCounts]:
 
 
 _NUMBERS = ("true", "found", "false", "others")
+
+
+def relations_text(rows: Sequence[RelationCounts]) -> str:
+    """Shares of the pairs."""
+    table = [["relation", "true pairs", "found", "share", "other pairs", "made so", "share"]]
+    for row in rows:
+        found, false = row.found / max(row.true, 1), row.false / max(row.others, 1)
+        true = [str(row.true), str(row.found), f"{100 * found:.1f} %"]
+        table.append([row.relation, *true, str(row.others), str(row.false), f"{100 * false:.2f} %"])
+    return "\n".join(aligned(table))
 
 
 def true_patches(cloud: LabelledCloud, trial: Trial) -> tuple[NDArray[np.int64], list[Patch]]:

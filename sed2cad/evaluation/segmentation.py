@@ -20,7 +20,7 @@ from sed2cad.network.predict import predict
 from sed2cad.network.sednet import SedNet
 from sed2cad.network.types import without_torus
 from sed2cad.network.weights import load_weights
-from sed2cad.training.dataset import packed_parts
+from sed2cad.training.dataset import parts_in
 from sed2cad.training.samples import EDGE_DISTANCE
 
 Progress = Callable[[int, int, str, float], None]
@@ -78,16 +78,6 @@ def evaluate_segmentation(
     rows.sort(key=lambda row: place[row.part])
     summaries = (summarise([row for row in rows if row.method == method]) for method in settings.methods)
     return SegmentationResult(settings, tuple(summaries), tuple(rows))
-
-
-def parts_in(folder: Path) -> list[Path]:
-    """The packed parts in a folder, in a fixed order. UsageError where there are none."""
-    if not folder.is_dir():
-        raise UsageError(f"{folder}: there is no such folder; check the name")
-    files = packed_parts(folder)
-    if not files:
-        raise UsageError(f"{folder}: there are no packed parts in it; make them with `sed2cad dataset`")
-    return files
 
 
 def score_network(files: Sequence[Path], network: SedNet, noise: float = 0.0) -> MethodScores:

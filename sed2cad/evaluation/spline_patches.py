@@ -10,16 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.errors import UsageError
 from sed2cad.evaluation.tables import aligned
 from sed2cad.fitting import fit
 from sed2cad.network.types import BSPLINE
 from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.net_surface import NetSurface
-from sed2cad.training.cad import label_part
 from sed2cad.training.cad_mesh import evaluate, faces_of, mesh_of, read_shape
-from sed2cad.training.dataset import SUFFIXES, load_part, packed_parts
+from sed2cad.training.dataset import load_part, parts_in
 from sed2cad.training.labelled_part import LabelledPart
 
 POINTS = 5_000  # of each patch that the fit sees
@@ -70,23 +68,13 @@ def score_spline_patches(
     The points of packed parts lie on bulged triangles (median rms 4e-6 off the surface, a few patches 1e-4); those
     of CAD files are exact. UsageError for a folder without parts.
     """
-    files = spline_files(data) if isinstance(data, Path) else list(data)
+    files = parts_in(data, cad=True) if isinstance(data, Path) else list(data)
     start, rows = time.perf_counter(), []
     for done, file in enumerate(files, 1):
         rows += [score_patch(patch, fitter) for patch in true_splines(file, points)]
         if progress:
             progress(done, len(files), time.perf_counter() - start)
     return tuple(rows)
-
-
-def spline_files(folder: Path) -> list[Path]:
-    """The packed parts in a folder, else its CAD files. UsageError where there is neither."""
-    if not folder.is_dir():
-        raise UsageError(f"{folder}: there is no such folder")
-    found = packed_parts(folder) or sorted(file for file in folder.glob("*") if file.suffix.lower() in SUFFIXES)
-    if not found:
-        raise UsageError(f"{folder}: there are no packed parts in it, nor CAD files")
-    return found
 
 
 def score_patch(patch: TrueSpline, fitter: Fitter = fit) -> SplinePatchScores:
@@ -104,7 +92,7 @@ def score_patch(patch: TrueSpline, fitter: Fitter = fit) -> SplinePatchScores:
 def true_splines(file: Path, points: int = POINTS) -> Iterator[TrueSpline]:
     """The B-spline patches of a part, each sampled uniformly by area; the same sample every time."""
     packed = file.suffix == ".npz"
-    part = load_part(file) if packed else label_part(file)
+    part = load_part(file)
     exact = None if packed else _Exact.of(file)
     free = np.unique(part.patch[(part.type == BSPLINE) & (part.patch >= 0)])
     for number in free.tolist():

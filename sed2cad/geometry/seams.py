@@ -8,7 +8,6 @@ closed edges start there and others are cut there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -17,7 +16,7 @@ from sed2cad.errors import AssemblyError
 from sed2cad.geometry.curves import TURN, Array, Curve
 from sed2cad.geometry.layout import Draft, Layout, Placement, Pole
 from sed2cad.geometry.loose import Loose
-from sed2cad.geometry.poles import sphere_pole
+from sed2cad.geometry.turning import Turning, share_of, wrapped
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
@@ -25,7 +24,6 @@ from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.net_surface import NetSurface
 from sed2cad.primitives.plane import Plane
-from sed2cad.primitives.profile import Profile
 from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.primitives.torus import Torus
@@ -49,112 +47,13 @@ def place(draft: Draft) -> Layout:
 
     AssemblyError where a face that winds around its axis is open on one side.
     """
-    turning = [_Turning.of(draft, r) for r in range(len(draft.topology.regions))]
+    turning = [Turning.of(draft, r) for r in range(len(draft.topology.regions))]
     placements: dict[int, Placement] = {}
     # the seam along the tube of a torus cannot be chosen: those faces come first
     for r in sorted(range(len(turning)), key=lambda r: (not _tube_winds(draft, r), r)):
         turned = turning[r]
         placements[r] = _flat(draft, r) if turned is None else _turned(draft, r, turned)
     return draft.finished([placements[r] for r in range(len(turning))])
-
-
-@dataclass(frozen=True)
-class _Turning:
-    """A face on a surface that closes on itself about an axis: that axis and where the seam would be by default."""
-
-    origin: Array  # (3,)
-    z: Array  # (3,), unit
-    x: Array  # (3,), unit, across z
-
-    @classmethod
-    def of(cls, draft: Draft, region: int) -> _Turning | None:
-        """The axis of a region's surface, or None where it has none."""
-        primitive = draft.primitive(region)
-        if isinstance(primitive, Sphere):
-            loops = [[draft.edges[e].arc for e, _ in loop] for loop in draft.loops[region]]
-            z, x = sphere_pole(primitive, loops, draft.topology.regions[region].points)
-            return cls(primitive.centre, z, x)
-        if isinstance(primitive, NetSurface):
-            return _Around.of_net(primitive) if primitive.closed else None
-        if isinstance(primitive, BSplineSurface):
-            if primitive.base == "plane":
-                return None
-            return cls(primitive.origin, primitive.frame[2], -primitive.frame[0])
-        if isinstance(primitive, Cylinder):
-            return cls(primitive.point, primitive.axis, _usual_x(primitive.axis))
-        if isinstance(primitive, Cone):
-            return cls(primitive.apex, primitive.axis, _usual_x(primitive.axis))
-        if isinstance(primitive, Torus):
-            return cls(primitive.centre, primitive.axis, _usual_x(primitive.axis))
-        if isinstance(primitive, Revolution):
-            return cls(primitive.origin, primitive.axis, _usual_x(primitive.axis))
-        if isinstance(primitive, Extrusion) and primitive.profile.closed:
-            return _Sweeping(primitive.origin, primitive.direction, primitive.x_axis, primitive)
-        return None
-
-    def angles(self, points: Array) -> Array:
-        """Angles (n,) about the axis from x, in (-pi, pi]."""
-        offset = points - self.origin
-        return np.arctan2(offset @ np.cross(self.z, self.x), offset @ self.x)
-
-    def turned(self, angle: float) -> _Turning:
-        """The same with its seam at an angle from x."""
-        return replace(self, x=np.cos(angle) * self.x + np.sin(angle) * np.cross(self.z, self.x))
-
-    def placement(self, origin: Array, pole: Pole | None) -> Placement:
-        return Placement(origin, self.z, self.x, pole)
-
-
-@dataclass(frozen=True)
-class _Around(_Turning):
-    """A face on a closed control net: angles are shares of its period."""
-
-    net: NetSurface
-    seam: float = 0.0  # share of the period
-
-    @classmethod
-    def of_net(cls, net: NetSurface) -> _Around:
-        return cls(net.net.reshape(-1, 3).mean(axis=0), np.eye(3)[2], np.eye(3)[0], net)
-
-    def angles(self, points: Array) -> Array:
-        share = (self.net.foot(points)[:, 0] - self.net.domain[0][0]) / self.net.period
-        return -_wrapped(-TURN * (share - self.seam))
-
-    def turned(self, angle: float) -> _Around:
-        return replace(self, seam=float(np.mod(self.seam + angle / TURN, 1.0)))
-
-    def placement(self, origin: Array, pole: Pole | None) -> Placement:
-        return Placement(origin, self.z, self.x, pole, self.seam)
-
-
-@dataclass(frozen=True)
-class _Sweeping(_Turning):
-    """A face on an extruded closed profile; its angles are shares of the profile's length."""
-
-    surface: Extrusion
-    seam: float = 0.0  # radians from the profile's beginning
-
-    def angles(self, points: Array) -> Array:
-        return _wrapped(_share(self.surface.profile, self.surface.flat(points)) - self.seam)
-
-    def turned(self, angle: float) -> _Turning:
-        profile = self.surface.profile
-        low, high = profile.ends
-        seam = self.seam + angle
-        start = profile.at(np.array([low + seam / TURN * (high - low)]))[0]
-        return replace(self, seam=seam, origin=self.surface.origin + start @ self.surface.axes)
-
-
-def _share(profile: Profile, flat: Array) -> Array:
-    """Where along a closed profile the feet of points (n, 2) are, as angles (n,)."""
-    low, high = profile.ends
-    return np.asarray((profile.foot(flat) - low) * (TURN / (high - low)))
-
-
-def _usual_x(axis: Array) -> Array:
-    """The same direction for an axis and its opposite, so that coaxial faces share their seam."""
-    strong = axis[int(np.argmax(np.abs(axis) > 0.5))]
-    return tangent_frame(axis if strong > 0 else -axis)[0]
 
 
 def _flat(draft: Draft, region: int) -> Placement:
@@ -173,7 +72,7 @@ def _flat(draft: Draft, region: int) -> Placement:
     return Placement(primitive.project(centre[None])[0], normal, tangent_frame(normal)[0])
 
 
-def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
+def _turned(draft: Draft, region: int, turning: Turning) -> Placement:
     """Choose the seam of a face on a surface that closes on itself and bring its edges to it."""
     loops = draft.loops[region]
     samples = [draft.loop_samples(loop) for loop in loops]
@@ -195,7 +94,7 @@ def _turned(draft: Draft, region: int, turning: _Turning) -> Placement:
     return seamed.placement(_origin(draft, region, seamed), _pole(draft, region, seamed, turns))
 
 
-def _pole(draft: Draft, region: int, turning: _Turning, turns: Sequence[int]) -> Pole | None:
+def _pole(draft: Draft, region: int, turning: Turning, turns: Sequence[int]) -> Pole | None:
     """The pole inside a face, told by its rings not cancelling out.
 
     AssemblyError where there is no pole to close the face.
@@ -221,7 +120,7 @@ def _has_pole(primitive: Primitive, up: bool) -> bool:
     return isinstance(primitive, Sphere) or (isinstance(primitive, Cone) and not up)
 
 
-def _origin(draft: Draft, region: int, turning: _Turning) -> Array:
+def _origin(draft: Draft, region: int, turning: Turning) -> Array:
     """The origin of the surface: amid the face where the axis leaves it open."""
     primitive = draft.primitive(region)
     if not isinstance(primitive, (Cylinder, Cone)):
@@ -249,7 +148,7 @@ def _tube(primitive: Primitive) -> Callable[[Array], Array] | None:
         return around_circle
     if isinstance(primitive, Revolution) and primitive.profile.closed:
         ring = primitive
-        return lambda points: _wrapped(_share(ring.profile, ring.meridian(points)))
+        return lambda points: wrapped(share_of(ring.profile, ring.meridian(points)))
     return None
 
 
@@ -271,7 +170,7 @@ def _gap(angles: Sequence[Array]) -> float:
 
 
 def _seam_through(
-    draft: Draft, loops: Sequence[Sequence[tuple[int, int]]], others: Sequence[Array], turning: _Turning
+    draft: Draft, loops: Sequence[Sequence[tuple[int, int]]], others: Sequence[Array], turning: Turning
 ) -> float:
     """The angle for the seam of a face that winds around: through vertices, past the other loops."""
     fixed = [v for loop in loops for e, _ in loop for v in (draft.edges[e].start,) if v >= 0]
@@ -281,17 +180,12 @@ def _seam_through(
     candidates = np.concatenate([[0.0], at, np.linspace(0, TURN, _TRIED, endpoint=False)])
 
     def score(angle: float) -> float:
-        off = np.abs(_wrapped(at - angle))
+        off = np.abs(wrapped(at - angle))
         hits, near = int((off < _HIT).sum()), int(((off >= _HIT) & (off < _MISS)).sum())
-        covered = sum(bool(abs(_wrapped(angle - r.mean())) < np.ptp(r) / 2 + _MISS) for r in ranges)
+        covered = sum(bool(abs(wrapped(angle - r.mean())) < np.ptp(r) / 2 + _MISS) for r in ranges)
         return 10 * min(hits, 2) - 25 * near - 100 * covered + (1 if angle == 0 else 0)
 
     return float(max(candidates, key=score))
-
-
-def _wrapped(angles: Array) -> Array:
-    """Angles brought into [-pi, pi)."""
-    return np.mod(angles + np.pi, TURN) - np.pi
 
 
 def _bring_to_zero(draft: Draft, region: int, k: int, angles: Callable[[Array], Array]) -> None:

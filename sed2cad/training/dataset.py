@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from sed2cad.errors import UsageError
+from sed2cad.files import require_folder
 from sed2cad.network.types import PATCH_TYPES
 from sed2cad.training.cad import label_part
 from sed2cad.training.child import Child
@@ -94,9 +96,20 @@ def packed_parts(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.npz"))
 
 
+def parts_in(folder: Path, cad: bool = False) -> list[Path]:
+    """The packed parts in a folder; with `cad` its CAD files, where none is packed. UsageError where there is none."""
+    require_folder(folder)
+    found = packed_parts(folder)
+    if cad and not found:
+        found = sorted(file for file in folder.glob("*") if file.suffix.lower() in SUFFIXES)
+    if not found:
+        raise UsageError(f"{folder}: there are no packed parts in it; make them with `sed2cad dataset`")
+    return found
+
+
 def load_part(path: Path) -> LabelledPart:
-    """Read one packed part."""
-    return LabelledPart.load(path)
+    """Read one packed part, or label that of a CAD file."""
+    return LabelledPart.load(path) if path.suffix == ".npz" else label_part(path)
 
 
 def _run(jobs: Iterable[tuple[Path, Path]], tell: Callable[[Path, str], None]) -> None:

@@ -11,9 +11,10 @@ from sed2cad.cli import app
 from sed2cad.errors import UsageError
 from sed2cad.evaluation import fitting as benchmark
 from sed2cad.evaluation.fitting import FittingSettings
-from sed2cad.evaluation.spline_patches import score_spline_patches, spline_files, spline_patches_text, true_splines
+from sed2cad.evaluation.spline_patches import score_spline_patches, spline_patches_text, true_splines
 from sed2cad.fitting import fit
 from sed2cad.training.cad import label_part
+from sed2cad.training.dataset import parts_in
 from tests.training.cadparts import wavy_bar, write
 
 
@@ -51,11 +52,11 @@ def test_a_fit_is_scored_by_points_that_it_has_not_seen(files):
 
 
 def test_packed_parts_come_before_cad_files(files, tmp_path):
-    assert spline_files(files[0].parent) == [files[0]]
+    assert parts_in(files[0].parent, cad=True) == [files[0]]
     with pytest.raises(UsageError):
-        spline_files(tmp_path)
+        parts_in(tmp_path)
     with pytest.raises(UsageError):
-        spline_files(tmp_path / "no")
+        parts_in(tmp_path / "no")
 
 
 def test_the_command_shows_the_patches_of_parts(files, tmp_path, monkeypatch):
