@@ -136,7 +136,7 @@ def evaluate_fitting(
         near,
         tuple(scores for scores, _ in rows if isinstance(scores, SplineScores)),
         part_seconds,
-        score_spline_patches(files),
+        score_spline_patches(files, workers=settings.workers),
         tuple(evaluate_relations(files, settings.workers)),
         time.perf_counter() - start,
     )

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import multiprocessing
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,8 +29,6 @@ _PROBES = 2_000  # of each patch that it is measured on: others
 _WORST = 12  # rows of the table
 
 Fitter = Callable[[str, Array, Array, float], tuple[Primitive, float, Array] | None]
-Progress = Callable[[int, int, float], None]
-"""Called as progress(done, total, seconds) when a part is done."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,7 @@ class SplinePatchScores:
 
 
 def score_spline_patches(
-    data: Path | Sequence[Path],
-    points: int = POINTS,
-    fitter: Fitter = fit,
-    progress: Progress | None = None,
+    data: Path | Sequence[Path], points: int = POINTS, fitter: Fitter = fit, workers: int = 1
 ) -> tuple[SplinePatchScores, ...]:
     """Fit each true B-spline patch of parts (a folder, or files): packed ones, or CAD files.
 
@@ -69,12 +67,15 @@ def score_spline_patches(
     of CAD files are exact. UsageError for a folder without parts.
     """
     files = parts_in(data, cad=True) if isinstance(data, Path) else list(data)
-    start, rows = time.perf_counter(), []
-    for done, file in enumerate(files, 1):
-        rows += [score_patch(patch, fitter) for patch in true_splines(file, points)]
-        if progress:
-            progress(done, len(files), time.perf_counter() - start)
-    return tuple(rows)
+    score = functools.partial(_score_part, points=points, fitter=fitter)
+    if workers == 1 or not files:
+        return tuple(row for file in files for row in score(file))
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        return tuple(row for rows in pool.map(score, files) for row in rows)
+
+
+def _score_part(file: Path, points: int, fitter: Fitter) -> list[SplinePatchScores]:
+    return [score_patch(patch, fitter) for patch in true_splines(file, points)]
 
 
 def score_patch(patch: TrueSpline, fitter: Fitter = fit) -> SplinePatchScores:

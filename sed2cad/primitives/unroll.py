@@ -187,7 +187,7 @@ def _straightened(u: Array, v: Array) -> Array:
     """
     length, width = float(np.ptp(u)), float(v.std())
     for _ in range(2):
-        spans = int(np.clip(length / (_SLICE * max(width, 1e-300)), 1, len(u) // 30))
+        spans = int(np.clip(length / (_SLICE * max(width, 1e-300)), 1, max(len(u) // 30, 1)))
         knots = np.quantile(u, np.linspace(0, 1, spans + 1))
         off = v - _smooth(u, v, knots)
         width = float(off.std())

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, TypeVar
+
+Item = TypeVar("Item")
+Run = Callable[..., str]
+"""Run a job in a child: empty when it was done, else the reason why not."""
 
 START_LIMIT = 60.0
 """Seconds that a child gets for its first job, imports included."""
@@ -60,3 +66,28 @@ def _serve(pipe: Connection, job: Callable[..., None]) -> None:
             pipe.send("")
         except Exception as error:  # the parent reports it and goes on with the next job
             pipe.send(str(error) or type(error).__name__)
+
+
+def in_children(
+    job: Callable[..., None],
+    items: Sequence[Item],
+    one: Callable[[Run, Item], str],
+    workers: int,
+    limit: float = JOB_LIMIT,
+) -> Iterator[tuple[Item, str]]:
+    """one(run, item) for each item, as they end, with what it says; each of the workers has a child of its own."""
+    local, children = threading.local(), []
+
+    def work(item: Item) -> tuple[Item, str]:
+        if not hasattr(local, "child"):
+            local.child = Child(job, limit)
+            children.append(local.child)
+        return item, one(local.child.run, item)
+
+    try:
+        with ThreadPoolExecutor(workers) as pool:
+            for done in as_completed([pool.submit(work, item) for item in items]):
+                yield done.result()
+    finally:
+        for child in children:
+            child.close()

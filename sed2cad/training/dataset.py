@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import time
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +14,7 @@ from sed2cad.errors import UsageError
 from sed2cad.files import require_folder
 from sed2cad.network.types import PATCH_TYPES
 from sed2cad.training.cad import label_part
-from sed2cad.training.child import Child
+from sed2cad.training.child import Run, in_children
 from sed2cad.training.labelled_part import LabelledPart
 
 SUFFIXES = {".step", ".stp", ".brep"}
@@ -61,21 +58,15 @@ def build_dataset(folder: Path, out: Path, workers: int = 1, progress: Progress 
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
     out.mkdir(parents=True, exist_ok=True)
     names = {path: "_".join(path.relative_to(folder).with_suffix("").parts) + ".npz" for path in files}
-    packed, skipped, done = [], {}, 0
-    with ThreadPoolExecutor(workers) as pool:
-        shares = [[(path, out / names[path]) for path in files[i::workers]] for i in range(workers)]
-        queue: multiprocessing.Queue[Any] = multiprocessing.Queue()
-        runs = [pool.submit(_run, share, lambda *result: queue.put(result)) for share in shares]
-        for done in range(1, len(files) + 1):
-            path, reason = queue.get()
-            if reason:
-                skipped[path] = reason
-            else:
-                packed.append(out / names[path])
-            if progress:
-                progress(done, len(files), path.name)
-        for run in runs:
-            run.result()
+    packed, skipped = [], {}
+    runs = in_children(_pack, files, lambda run, file: _once(run, file, out / names[file]), workers)
+    for done, (path, reason) in enumerate(runs, 1):
+        if reason:
+            skipped[path] = reason
+        else:
+            packed.append(out / names[path])
+        if progress:
+            progress(done, len(files), path.name)
     report = _report(sorted(packed), skipped, (time.monotonic() - start) / 60)
     report.save(out / REPORT)
     return report
@@ -112,15 +103,9 @@ def load_part(path: Path) -> LabelledPart:
     return LabelledPart.load(path) if path.suffix == ".npz" else label_part(path)
 
 
-def _run(jobs: Iterable[tuple[Path, Path]], tell: Callable[[Path, str], None]) -> None:
-    """Label each part in a child that is replaced when it crashes or takes too long."""
-    child = Child(_pack)
-    for path, out in jobs:
-        if out.exists():
-            tell(path, "")
-            continue
-        tell(path, child.run(path, out))
-    child.close()
+def _once(run: Run, path: Path, out: Path) -> str:
+    """Pack a part that is not there yet."""
+    return "" if out.exists() else run(path, out)
 
 
 def _pack(path: Path, out: Path) -> None:

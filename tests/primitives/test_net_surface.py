@@ -117,3 +117,14 @@ def test_it_goes_on_beyond_its_borders(fitted: tuple[NetSurface, Array, Array]) 
     assert grown[1] == pytest.approx(0.02) and grown[0] == pytest.approx(0.0 if surface.closed else 0.02)
     beyond = longer.at(np.column_stack([np.linspace(low[0], high[0], 50), np.full(50, high[1] + 0.015)]))
     assert np.abs(surface.distance(beyond)).min() > 0.005
+
+
+@pytest.mark.parametrize("count", [6, 8, 13, 21, 29, 40])
+def test_a_few_points_of_a_sheet_get_a_surface(count: int) -> None:
+    """Too few for many breaks along the sheet, or for any."""
+    rng = np.random.default_rng(count)
+    turn, up = 3 * rng.uniform(-1, 1, count), rng.uniform(-1, 1, count)
+    normals = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(count)])
+    points = 0.1 * (normals + [0, 0, 1] * (0.2 * up + 0.1 * turn)[:, None])
+    found = fit_freeform(points, normals)
+    assert found is not None and np.isfinite(found.distance(points)).all()

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import queue
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 from OCP.BRepTools import BRepTools
 
-from sed2cad.training.child import Child
+from sed2cad.training.child import Run, in_children
 from sed2cad.training.dataset import Progress
 from sed2cad.training.synthetic.part import ATTEMPTS, try_part
 
@@ -35,31 +32,23 @@ def write_parts(
     """
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [(number, folder / f"synthetic_{number:06d}.brep") for number in range(seed, seed + count)]
-    ended: queue.Queue[tuple[Path, str]] = queue.Queue()
     parts, failed = [], {}
-    with ThreadPoolExecutor(workers) as pool:
-        runs = [pool.submit(_make_all, jobs[i::workers], lambda *result: ended.put(result)) for i in range(workers)]
-        for done in range(1, count + 1):
-            path, reason = ended.get()
-            if reason:
-                failed[path] = reason
-            else:
-                parts.append(path)
-            if progress:
-                progress(done, count, path.name)
-        for run in runs:
-            run.result()
+    for done, ((_, path), reason) in enumerate(in_children(_write, jobs, _made, workers, PART_LIMIT), 1):
+        if reason:
+            failed[path] = reason
+        else:
+            parts.append(path)
+        if progress:
+            progress(done, count, path.name)
     return SyntheticReport(sorted(parts), failed)
 
 
-def _make_all(jobs: Iterable[tuple[int, Path]], tell: Callable[[Path, str], None]) -> None:
-    child = Child(_write, PART_LIMIT)
-    for number, path in jobs:
-        tell(path, "" if path.exists() else first_sound(child.run, number, path))
-    child.close()
+def _made(run: Run, job: tuple[int, Path]) -> str:
+    """Make a part that is not there yet."""
+    return "" if job[1].exists() else first_sound(run, *job)
 
 
-def first_sound(run: Callable[..., str], seed: int, path: Path) -> str:
+def first_sound(run: Run, seed: int, path: Path) -> str:
     """Run the sub-seeds of a seed until one is sound; empty, or the reason why the last is not."""
     reason = ""
     for attempt in range(ATTEMPTS):
