@@ -54,12 +54,12 @@ def regularize(
         for index, (patch, own) in enumerate(zip(fitted, used))
         if patch.primitive.kind in ANALYTIC_KINDS and _is_known(patch, len(own), angle)
     }
-    pieces = adopt_axes(pieces)
+    pieces, hosts = adopt_axes(pieces)
     aligned, directions = settle(pieces, propose_directions(pieces))
     relations = [
         *directions,
         *propose_coplanar(aligned, directions),
-        *propose_coaxial(aligned, directions),
+        *propose_coaxial(aligned, directions, hosts),
         *propose_radii(aligned),
         *propose_tangencies(aligned, tangent_pairs(fitted, topology)),
     ]

@@ -75,8 +75,9 @@ def targets(result: FittingResult) -> list[Target]:
     found.append(Target("B-spline patches of parts without noise: rms / size, median", float(median), CLOSE))
     found.append(Target("B-spline patches of parts without noise: rms / size, 95 %", float(high), CLOSE))
     for row in (row for row in result.relations if row.true):
-        found.append(Target(f"{row.relation}: true pairs made exactly so", row.found / row.true, _KEPT, at_least=True))
-        found.append(Target(f"{row.relation}: other pairs made so", row.false / max(row.others, 1), _MADE_UP))
+        name = f"{row.relation}, faces of {row.points}+ points: "
+        found.append(Target(name + "true pairs made exactly so", row.found / row.true, _KEPT, at_least=True))
+        found.append(Target(name + "other pairs made so", row.false / max(row.others, 1), _MADE_UP))
     found.append(Target("seconds for a part of 40 faces", result.part_seconds, _PART_SECONDS))
     return [target for target in found if target.value == target.value]
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,8 @@ from sed2cad.training.samples import EDGE_DISTANCE
 NOISE = 0.01
 """Displacement along the normal in radii of the part: a third of a percent of its diagonal, uniform."""
 RELATIONS = ("parallel", "perpendicular", "coaxial", "equal radius")
+LEAST = (1, 30)
+"""Pairs of all patches, and of those only that have so many points each."""
 MADE = 1e-7
 """Radians and unit lengths: solved relations hold to 1e-9."""
 TRUE = 1e-5
@@ -43,6 +45,7 @@ class RelationCounts:
     """Pairs of patches of one part or of many."""
 
     relation: str
+    points: int  # of both patches, at least
     true: int  # pairs that are so
     found: int  # of these, pairs that come out exactly so
     false: int  # pairs that come out exactly so, but are not
@@ -90,7 +93,7 @@ def _counts(path: Path) -> list[RelationCounts]:
     try:
         return score_relations(path)
     except ScanError:
-        return [RelationCounts(relation, 0, 0, 0, 0) for relation in RELATIONS]
+        return [RelationCounts(relation, points, 0, 0, 0, 0) for points in LEAST for relation in RELATIONS]
 
 
 def score_relations(path: Path, noise: float = NOISE, seed: int = 0) -> list[RelationCounts]:
@@ -106,19 +109,23 @@ def score_relations(path: Path, noise: float = NOISE, seed: int = 0) -> list[Rel
         topology = Topology((), (), np.zeros((0, 3)), 0.0)
     settled = regularize(trial.scan, fitted, topology)[0][: len(patches)]
     truth, made = true_axes(part, numbers).pairs(TRUE), fitted_axes(settled).pairs(MADE)
-    return [count(name, *truth[name], made[name][1]) for name in RELATIONS]
+    size = np.array([len(patch.indices) for patch in patches])
+    large = {points: np.outer(size >= points, size >= points) for points in LEAST}
+    rows = ((name, points, *truth[name], made[name][1]) for points in LEAST for name in RELATIONS)
+    return [count(name, n, able & large[n], true & large[n], so & large[n]) for name, n, able, true, so in rows]
 
 
-def count(relation: str, able: Matrix, true: Matrix, made: Matrix) -> RelationCounts:
+def count(relation: str, points: int, able: Matrix, true: Matrix, made: Matrix) -> RelationCounts:
     """Of the pairs that are able."""
     others = able & ~true
-    return RelationCounts(relation, *(int(pairs.sum()) for pairs in (true, true & made, others & made, others)))
+    numbers = (int(pairs.sum()) for pairs in (true, true & made, others & made, others))
+    return RelationCounts(relation, points, *numbers)
 
 
 def total(rows: Sequence[Sequence[RelationCounts]]) -> list[RelationCounts]:
     """Of many parts."""
     return [
-        RelationCounts(same[0].relation, *(sum(getattr(row, name) for row in same) for name in _NUMBERS))
+        replace(same[0], **{name: sum(getattr(row, name) for row in same) for name in _NUMBERS})
         for same in zip(*rows)
     ]
 
@@ -128,11 +135,11 @@ _NUMBERS = ("true", "found", "false", "others")
 
 def relations_text(rows: Sequence[RelationCounts]) -> str:
     """Shares of the pairs."""
-    table = [["relation", "true pairs", "found", "share", "other pairs", "made so", "share"]]
+    table = [["relation", "points", "true pairs", "found", "share", "other pairs", "made so", "share"]]
     for row in rows:
         found, false = row.found / max(row.true, 1), row.false / max(row.others, 1)
         true = [str(row.true), str(row.found), f"{100 * found:.1f} %"]
-        table.append([row.relation, *true, str(row.others), str(row.false), f"{100 * false:.2f} %"])
+        table.append([row.relation, f"{row.points}+", *true, str(row.others), str(row.false), f"{100 * false:.2f} %"])
     return "\n".join(aligned(table))
 
 

@@ -21,21 +21,27 @@ _SURE = np.radians(1.0)  # of one that can give it
 _CHANCE = 9.0  # growth of chi^2 that four numbers given up explain
 
 
-def adopt_axes(pieces: Pieces) -> Pieces:
-    """The pieces, those with vague axes about the sure axis that fits them best, if any does."""
+def adopt_axes(pieces: Pieces) -> tuple[Pieces, dict[int, int]]:
+    """The pieces, those with vague axes about the sure axis that fits them best, if any does; and whose that is."""
     spread = {k: p.spread(DIRECTION) for k, p in pieces.items() if p.primitive.kind in _ABOUT}
-    axes = [placement(pieces[k].primitive) for k, size in spread.items() if size < _SURE]
-    changed = {k: _adopted(pieces[k], axes) for k, size in spread.items() if size > _VAGUE}
-    return {**pieces, **changed}
+    sure = [k for k, size in spread.items() if size < _SURE]
+    changed, hosts = dict(pieces), {}
+    for index in (k for k, size in spread.items() if size > _VAGUE):
+        found = _adopted(pieces[index], [placement(pieces[k].primitive) for k in sure])
+        if found is not None:
+            changed[index], hosts[index] = replace(pieces[index], primitive=found[0]), sure[found[1]]
+    return changed, hosts
 
 
-def _adopted(piece: Piece, axes: list[Array]) -> Piece:
-    own = piece.evidence.chi_square(piece.primitive)
+def _adopted(piece: Piece, axes: list[Array]) -> tuple[Primitive, int] | None:
+    """The primitive about the best of the axes, and which that is; None where the points do not allow it."""
     trials = [_about_axis(piece, place[3:6], place[:3]) for place in axes]
-    costs = [piece.evidence.chi_square(trial) if trial else np.inf for trial in trials]
+    costs = [np.inf if trial is None else piece.evidence.chi_square(trial) for trial in trials]
     best = int(np.argmin(costs)) if costs else -1
-    chosen = trials[best] if costs and costs[best] < own + _CHANCE else None
-    return replace(piece, primitive=chosen) if chosen else piece
+    chosen = trials[best] if costs else None
+    if chosen is None or costs[best] > piece.evidence.chi_square(piece.primitive) + _CHANCE:
+        return None
+    return chosen, best
 
 
 def _about_axis(piece: Piece, origin: Array, axis: Array) -> Primitive | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -154,15 +154,19 @@ def propose_coplanar(pieces: Pieces, directions: Iterable[Relation]) -> list[Rel
     return relations
 
 
-def propose_coaxial(pieces: Pieces, directions: Iterable[Relation]) -> list[Relation]:
-    """Parallel axes that nearly coincide, and spheres on them; the directions must hold already."""
+def propose_coaxial(pieces: Pieces, directions: Iterable[Relation], hosts: Mapping[int, int]) -> list[Relation]:
+    """Parallel axes that nearly coincide, and spheres on them; the directions must hold already.
+
+    What has adopted an axis goes where its host goes.
+    """
     relations = []
     spheres = _of_kind(pieces, pieces, ("sphere",))
 
     def strain(leader: int, index: int) -> float:
-        p, q = placement(pieces[leader].primitive), placement(pieces[index].primitive)
+        known = pieces[hosts.get(index, index)]
+        p, q = placement(pieces[leader].primitive), placement(known.primitive)
         gap = float(np.linalg.norm(np.cross(q[3:6] - p[3:6], p[:3])))
-        return gap / _within(_SHIFTS, pieces[leader].lateral, pieces[index].lateral)
+        return gap / _within(_SHIFTS, pieces[leader].lateral, known.lateral)
 
     for group in _groups(pieces, directions):
         axes = sorted(_of_kind(pieces, group, ("cylinder", "cone", "torus")), key=lambda k: pieces[k].lateral)

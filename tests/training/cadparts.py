@@ -29,3 +29,14 @@ def wavy_bar() -> Any:
     bend = Edge.make_spline([(0, 0, 0), (3, 1, 0), (6, -1, 0), (10, 0, 0)])
     sides = Polyline((10, 0, 0), (10, -5, 0), (0, -5, 0), (0, 0, 0)).edges()
     return Solid.extrude(Face(Wire([bend, *sides])), (0, 0, 4))
+
+
+def plate_with_holes() -> Any:
+    """40 x 20 x 6 with two bores of radius 4."""
+    from build123d import Align, Box, Cylinder, Pos
+
+    centred = (Align.CENTER, Align.CENTER, Align.CENTER)
+    plate = Box(40, 20, 6, align=centred)
+    for x in (-10, 10):
+        plate = plate - Pos(x, 0, 0) * Cylinder(4, 10, align=centred)
+    return plate
