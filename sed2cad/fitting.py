@@ -21,6 +21,7 @@ from sed2cad.primitives.refine import is_degenerate, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS, KINDS, primitive_class
 from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.robust_fit import FINEST, START_POINTS, explains, misfits, robust_fit, thinned
+from sed2cad.primitives.simplest import analytic_instead
 from sed2cad.primitives.swept_choice import Explained, swept_instead
 from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.scan.scan import Scan
@@ -154,12 +155,26 @@ def _fit_patch(scan: Scan, patch: Patch, angle: float) -> FittedPatch:
         if chosen and chosen.primitive.kind == "bspline":  # the choice was a quick one
             found = fit("bspline", points, normals, scan.noise) or found
     primitive, rms, covariance = found
-    if isinstance(primitive, TensorPatch):
-        instead = swept_instead([Explained(primitive, parameter_count(primitive), points, normals)], scan.noise)
+    for simpler in (swept_instead_of, analytic_instead_of) if primitive.freeform else ():
+        instead = simpler(primitive, points, normals, scan.noise)
         if instead is not None:
             primitive, covariance = instead
             rms = root_mean_square(primitive.distance(points))
     return FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
+
+
+def swept_instead_of(
+    primitive: Primitive, points: Array, normals: Array, noise: float
+) -> tuple[Primitive, Array] | None:
+    """A swept surface, or a simpler one, in place of a freeform one, and its covariance."""
+    return swept_instead([Explained(primitive, parameter_count(primitive), points, normals)], noise)
+
+
+def analytic_instead_of(
+    primitive: Primitive, points: Array, normals: Array, noise: float
+) -> tuple[Primitive, Array] | None:
+    """An analytic surface in place of a freeform or swept one, and its covariance."""
+    return analytic_instead(points, normals, noise, primitive, parameter_count(primitive))
 
 
 def _any_plane(points: Array, normals: Array) -> tuple[Primitive, float, Array]:
