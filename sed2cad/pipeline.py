@@ -26,6 +26,7 @@ from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.segment import segment
 from sed2cad.settings import Settings
 
+PLURALS = {"torus": "tori"}
 Progress = Callable[[str, str], None]
 """Called as progress(stage, message) when a stage has ended."""
 
@@ -81,7 +82,8 @@ def label(scan: Scan, settings: Settings) -> PointLabels:
 def count_kinds(fitted: Iterable[FittedPatch]) -> str:
     """"12 planes, 3 cylinders"."""
     counts = Counter(patch.primitive.kind for patch in fitted)
-    return ", ".join(f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.most_common()) or "nothing"
+    words = (f"{n} {kind if n == 1 else PLURALS.get(kind, f'{kind}s')}" for kind, n in counts.most_common())
+    return ", ".join(words) or "nothing"
 
 
 @dataclass
