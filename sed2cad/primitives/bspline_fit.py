@@ -6,14 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.bspline import Base, BSplineSurface
-from sed2cad.primitives.tensor_patch import DEGREE
+from sed2cad.primitives.tensor_patch import DEGREE, tensor_basis
 from sed2cad.primitives.vectors import tangent_frame, unit
 
 _MARGIN = 0.06  # of the patch's extent, left around it so that edges with its neighbours lie inside
@@ -149,7 +147,7 @@ def _solved(chart: _Chart, spans: tuple[int, int]) -> tuple[BSplineSurface, floa
     knots_v = _clamped(low[1], high[1], spans[1])
     count_u = len(knots_u) - DEGREE - 1 if chart.base == "plane" else spans[0]
     count_v = len(knots_v) - DEGREE - 1
-    design = _design(chart, knots_u, knots_v, count_u, count_v)
+    design = tensor_basis(chart.uv, knots_u, knots_v, count_u, count_v)
     weight = np.abs(chart.slant).clip(0.05)
     weighted = design.multiply(weight[:, None]).tocsr()
     normal_matrix = (weighted.T @ weighted).toarray()
@@ -178,20 +176,6 @@ def _periodic(spans: int) -> Array:
 def _steps(spans: int) -> Array:
     """Knots with unit distances, three more on either side of 0 .. spans."""
     return np.arange(-DEGREE, spans + DEGREE + 1).astype(np.float64)
-
-
-def _design(chart: _Chart, knots_u: Array, knots_v: Array, count_u: int, count_v: int) -> csr_array:
-    """Tensor basis (n, count_u * count_v), sixteen numbers a row; columns beyond count_u wrap around."""
-    rows = len(chart.uv)
-    values, columns = [], []
-    for parameters, knots in ((chart.uv[:, 0], knots_u), (chart.uv[:, 1], knots_v)):
-        basis = BSpline.design_matrix(parameters, knots, DEGREE)
-        values.append(basis.data.reshape(rows, DEGREE + 1))
-        columns.append(basis.indices.reshape(rows, DEGREE + 1))
-    value = values[0][:, :, None] * values[1][:, None, :]
-    column = (columns[0] % count_u)[:, :, None] * count_v + columns[1][:, None, :]
-    start = np.arange(rows + 1) * (DEGREE + 1) ** 2
-    return csr_array((value.ravel(), column.ravel(), start), shape=(rows, count_u * count_v))
 
 
 def _roughness(base: Base, count_u: int, count_v: int) -> Array:

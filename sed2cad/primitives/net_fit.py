@@ -10,14 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 from scipy.sparse import csc_array, csr_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.net_surface import NetSurface
-from sed2cad.primitives.tensor_patch import DEGREE, greville
+from sed2cad.primitives.tensor_patch import DEGREE, greville, tensor_basis
 from sed2cad.primitives.unroll import Unrolled
 
 FINEST = 1e-5  # rms that nobody needs to go below, unit frame
@@ -138,7 +137,7 @@ def _solved(points: Array, uv: Array, grid: Grid, across: float = 0.0) -> NetFit
     """Least squares for the control points with the parameters (n, 2) fixed; smoothed by `across` at least along v."""
     knots_u, knots_v = grid.knots
     count_u, count_v = grid.shape
-    design = _design(uv, knots_u, knots_v, count_u, count_v)
+    design = tensor_basis(uv, knots_u, knots_v, count_u, count_v)
     matrix = (design.T @ design).tocsc()
     mean = float(matrix.diagonal().mean())
     unknowns = count_u * count_v
@@ -206,21 +205,6 @@ def _halved(breaks: Array, at: Array, square: Array, noise: float) -> Array:
     limit = max(max(noise, 0.7 * FINEST) ** 2, 0.02 * float(square.mean()))
     bad = (mean > limit) & (count >= 2 * _PER_SPAN)
     return np.sort(np.concatenate([breaks, (breaks[:-1] + breaks[1:])[bad] / 2]))
-
-
-def _design(uv: Array, knots_u: Array, knots_v: Array, count_u: int, count_v: int) -> csr_array:
-    """Tensor basis (n, count_u * count_v), sixteen numbers a row; columns beyond count_u wrap around."""
-    rows = len(uv)
-    values, columns = [], []
-    for parameters, knots in ((uv[:, 0], knots_u), (uv[:, 1], knots_v)):
-        inside = np.clip(parameters, knots[DEGREE], knots[-DEGREE - 1])
-        basis = BSpline.design_matrix(inside, knots, DEGREE)
-        values.append(basis.data.reshape(rows, DEGREE + 1))
-        columns.append(basis.indices.reshape(rows, DEGREE + 1))
-    value = values[0][:, :, None] * values[1][:, None, :]
-    column = (columns[0] % count_u)[:, :, None] * count_v + columns[1][:, None, :]
-    start = np.arange(rows + 1) * (DEGREE + 1) ** 2
-    return csr_array((value.ravel(), column.ravel(), start), shape=(rows, count_u * count_v))
 
 
 def _roughness(grid: Grid, lonely: NDArray[np.bool_], across: float) -> csc_array:

@@ -7,6 +7,8 @@ from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
+from scipy.interpolate import BSpline
+from scipy.sparse import csr_array
 
 from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.vectors import unit
@@ -112,3 +114,18 @@ def newton_step(gap: Array, du: Array, dv: Array) -> Array:
     gu, gv = np.einsum("ij,ij->i", gap, du), np.einsum("ij,ij->i", gap, dv)
     det = np.maximum(uu * vv - uv * uv, 1e-300)
     return np.column_stack([vv * gu - uv * gv, uu * gv - uv * gu]) / det[:, None]
+
+
+def tensor_basis(uv: Array, knots_u: Array, knots_v: Array, count_u: int, count_v: int) -> csr_array:
+    """Tensor basis (n, count_u * count_v), sixteen numbers a row; columns beyond count_u wrap around."""
+    rows = len(uv)
+    values, columns = [], []
+    for parameters, knots in ((uv[:, 0], knots_u), (uv[:, 1], knots_v)):
+        inside = np.clip(parameters, knots[DEGREE], knots[-DEGREE - 1])
+        basis = BSpline.design_matrix(inside, knots, DEGREE)
+        values.append(basis.data.reshape(rows, DEGREE + 1))
+        columns.append(basis.indices.reshape(rows, DEGREE + 1))
+    value = values[0][:, :, None] * values[1][:, None, :]
+    column = (columns[0] % count_u)[:, :, None] * count_v + columns[1][:, None, :]
+    start = np.arange(rows + 1) * (DEGREE + 1) ** 2
+    return csr_array((value.ravel(), column.ravel(), start), shape=(rows, count_u * count_v))
