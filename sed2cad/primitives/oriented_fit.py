@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.refine import Directions, median_size, refine
@@ -20,22 +21,41 @@ _OUTLIER = 12.0  # chi^2 of a point that belongs elsewhere
 _REACH = 10.0  # times the noise over the angle: patches wider than this know their directions by the points
 _MEDIAN_CHI2 = 1.386  # of two degrees of freedom
 _LEAST_ANGLE = 0.02  # radians: no scanner's normals are better, nor is a mesh's
+_FARTHEST = 3.5  # deviations of a normal that belongs
+_TOGETHER = 0.5  # correlation of neighbours from which on they do not err independently
 _ENOUGH = 30  # points of a patch that tell how good the normals are
 
 
 def normal_noise(primitives: Sequence[Primitive], points: Sequence[Array], normals: Sequence[Array]) -> float:
     """Deviation of a component of the normals across the true ones, radians, by the patches that tell it.
 
-    The median over all of their points of the squared angle to the primitive, over that of chi^2.
+    The median over all of their points of the squared angle to the primitive, over that of chi^2. Infinite where there
+    are none, or where neighbours err together: such normals were estimated from the points, or are those of a mesh, and
+    say nothing of a small patch but what its borders have made of them.
     """
-    squares = [
-        np.square(facing(primitive, at, out) - primitive.normal(at)).sum(axis=1)
+    found = [
+        (at, facing(primitive, at, out) - primitive.normal(at))
         for primitive, at, out in zip(primitives, points, normals)
         if len(at) >= _ENOUGH
     ]
-    if not squares:
+    if not found:
         return float("inf")
-    return max(float(np.sqrt(median_size(np.concatenate(squares)) / _MEDIAN_CHI2)), _LEAST_ANGLE)
+    squares = np.concatenate([np.square(gaps).sum(axis=1) for _, gaps in found])
+    angle = max(float(np.sqrt(median_size(squares) / _MEDIAN_CHI2)), _LEAST_ANGLE)
+    return angle if _likeness(found, _FARTHEST * angle) < _TOGETHER else float("inf")
+
+
+def _likeness(found: Sequence[tuple[Array, Array]], most: float) -> float:
+    """Correlation of the gaps (n, 3) at points (n, 3) with those at the nearest ones, without gaps above `most`."""
+    products, squares = 0.0, 0.0
+    for points, gaps in found:
+        some = np.linspace(0, len(points) - 1, min(len(points), _POINTS)).astype(np.int64)
+        other = gaps[cKDTree(points).query(points[some], 2)[1][:, 1]]
+        gaps = gaps[some]
+        fair = (np.square(gaps).sum(axis=1) < most**2) & (np.square(other).sum(axis=1) < most**2)
+        products += float((gaps[fair] * other[fair]).sum())
+        squares += float((gaps[fair] ** 2).sum() + (other[fair] ** 2).sum()) / 2
+    return products / max(squares, 1e-30)
 
 
 def facing(primitive: Primitive, points: Array, normals: Array) -> Array:

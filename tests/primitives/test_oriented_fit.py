@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from sed2cad.fitting import fit
 from sed2cad.primitives.cylinder import Cylinder
@@ -114,6 +115,17 @@ def test_the_noise_of_normals_is_measured_on_the_patches() -> None:
     assert normal_noise([truth], [points], [turned]) == pytest.approx(0.05, rel=0.1)
     assert normal_noise([truth], [points], [-turned]) == pytest.approx(0.05, rel=0.1)
     assert normal_noise([], [], []) == np.inf
+
+
+def test_normals_that_err_together_are_not_listened_to() -> None:
+    """As estimated ones do: each is the mean of those around it."""
+    rng = np.random.default_rng(0)
+    sample = sphere_patch(rng, 400)
+    turned = unit(sample.normals + 0.3 * rng.normal(size=(400, 3)))
+    _, near = cKDTree(sample.points).query(sample.points, 16)
+    estimated = unit(turned[near].mean(axis=1))
+    assert np.isfinite(normal_noise([sample.truth], [sample.points], [turned]))
+    assert normal_noise([sample.truth], [sample.points], [estimated]) == np.inf
 
 
 def test_directions_narrow_what_the_points_leave_open() -> None:
