@@ -21,7 +21,6 @@ from sed2cad.errors import AssemblyError
 from sed2cad.mending import mend
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.names import primitive_names
-from sed2cad.primitives.swept_align import aligned
 from sed2cad.regularize import Constraint, regularize
 from sed2cad.scan.scan import Frame, Mesh, Scan
 from sed2cad.settings import Settings
@@ -155,8 +154,6 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Tria
     if rung.regular:
         step = settings.round / scan.frame.scale if settings.round else None
         patches, constraints = regularize(scan, patches, traced.topology, step)
-        patches, alignments = aligned(patches, scan.points)
-        constraints += [Constraint(found.kind, (found.leader, found.index), found.residual) for found in alignments]
     faces, edges = len(traced.topology.regions), len(traced.topology.chains)
     done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
     surface = np.vstack([scan.points, traced.proxy.vertices])

@@ -31,6 +31,7 @@ from sed2cad.primitives.registry import ANALYTIC_KINDS
 from sed2cad.primitives.rounding import propose_dimensions
 from sed2cad.primitives.settle import settle
 from sed2cad.primitives.solve_relations import Relation, members_of
+from sed2cad.primitives.swept_align import align_swept
 from sed2cad.primitives.symmetry import propose_symmetries
 from sed2cad.scan.scan import Scan
 from sed2cad.topology.model import Topology
@@ -44,7 +45,8 @@ def regularize(
     """The patches with primitives that obey the constraints to 1e-9, and the constraints.
 
     Directions come first, so that axes and planes are compared when they are parallel already; then everything
-    together; then, with a step (unit frame), dimensions are rounded to its multiples. B-splines stay as they are.
+    together; then, with a step (unit frame), dimensions are rounded to its multiples; at last swept patches follow the
+    others. B-splines stay as they are.
     """
     used = [used_points(patch.patch) for patch in fitted]
     noise = float(np.median([patch.rms for patch in fitted])) if fitted else 0.0
@@ -76,7 +78,9 @@ def regularize(
         _refitted(patch, settled[k], scan.points[used[k]]) if k in changed else patch
         for k, patch in enumerate(fitted)
     ]
-    return patches, list_constraints(pieces, settled, relations, patterns, dimensions)
+    patches, alignments = align_swept(patches, scan.points)
+    constraints = list_constraints(pieces, settled, relations, patterns, dimensions)
+    return patches, constraints + [Constraint(a.kind, (a.leader, a.index), a.residual) for a in alignments]
 
 
 def _patterns(fitted: Sequence[FittedPatch], settled: Pieces) -> list[Pattern]:

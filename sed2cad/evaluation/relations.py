@@ -3,9 +3,7 @@ that are not: noisy scans of true parts, with true labels."""
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.errors import AssemblyError, ScanError
+from sed2cad.evaluation.pool import of_each
 from sed2cad.evaluation.tables import aligned
 from sed2cad.evaluation.trial import Trial, cloud_of, make_trial
 from sed2cad.fitting import fit_patches
@@ -83,10 +82,7 @@ class Axes:
 
 def evaluate_relations(files: Sequence[Path], workers: int = 1) -> list[RelationCounts]:
     """All pairs of all parts, packed or CAD files; a part that makes no scan has none."""
-    if not files:
-        return []
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        return total(list(pool.map(_counts, files)))
+    return total(of_each(_counts, files, workers))
 
 
 def _counts(path: Path) -> list[RelationCounts]:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import functools
-import multiprocessing
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sed2cad.evaluation.pool import of_each
 from sed2cad.evaluation.tables import aligned
 from sed2cad.fitting import fit
 from sed2cad.network.types import BSPLINE
@@ -68,10 +67,7 @@ def score_spline_patches(
     """
     files = parts_in(data, cad=True) if isinstance(data, Path) else list(data)
     score = functools.partial(_score_part, points=points, fitter=fitter)
-    if workers == 1 or not files:
-        return tuple(row for file in files for row in score(file))
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        return tuple(row for rows in pool.map(score, files) for row in rows)
+    return tuple(row for rows in of_each(score, files, workers) for row in rows)
 
 
 def _score_part(file: Path, points: int, fitter: Fitter) -> list[SplinePatchScores]:

@@ -12,8 +12,7 @@ from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.proposals import DIRECTION, Piece, Pieces
 from sed2cad.primitives.relations import placement
-from sed2cad.primitives.starts import is_proper
-from sed2cad.primitives.torus import Torus
+from sed2cad.primitives.starts import is_proper, torus_about
 from sed2cad.primitives.vectors import about_axis, unit
 
 _VAGUE = np.radians(3.0)  # deviation of a direction that needs help
@@ -48,20 +47,20 @@ def _about_axis(piece: Piece, origin: Array, axis: Array) -> Primitive | None:
     """The primitive of the same kind about an axis that is nearest to the points and the normals of the fit."""
     points, turns = piece.evidence.points, piece.evidence.turns
     normals = piece.primitive.normal(points) if turns is None else turns.normals
-    height, radius, radial = about_axis(points, origin, axis)
-    meridian = np.column_stack([radius, height])
-    arrows = unit(np.column_stack([np.einsum("ij,ij->i", normals, radial), normals @ axis]))
-    found = _ABOUT[piece.primitive.kind](origin, axis, meridian, arrows)
+    found = _ABOUT[piece.primitive.kind](axis, origin, points, normals)
     return found if found is not None and is_proper(found) else None
 
 
-def _cylinder(origin: Array, axis: Array, meridian: Array, arrows: Array) -> Primitive:
-    return Cylinder(axis, origin + meridian[:, 1].mean() * axis, float(meridian[:, 0].mean()))
+def _cylinder(axis: Array, origin: Array, points: Array, normals: Array) -> Primitive:
+    height, radius, _ = about_axis(points, origin, axis)
+    return Cylinder(axis, origin + height.mean() * axis, float(radius.mean()))
 
 
-def _cone(origin: Array, axis: Array, meridian: Array, arrows: Array) -> Primitive | None:
+def _cone(axis: Array, origin: Array, points: Array, normals: Array) -> Primitive | None:
     """A line in the half plane (radius, height), through the middle and across the mean normal."""
-    (radius, height), (out, up) = meridian.mean(axis=0), unit(arrows.mean(axis=0))
+    heights, radii, radial = about_axis(points, origin, axis)
+    arrows = unit(np.column_stack([np.einsum("ij,ij->i", normals, radial), normals @ axis]))
+    radius, height, (out, up) = radii.mean(), heights.mean(), unit(arrows.mean(axis=0))
     slope = -up / out if abs(out) > 1e-3 else np.inf  # growth of the radius along the axis
     if not 1e-4 < abs(slope) < 1e3:
         return None
@@ -69,17 +68,9 @@ def _cone(origin: Array, axis: Array, meridian: Array, arrows: Array) -> Primiti
     return Cone(axis if slope > 0 else -axis, apex, float(np.arctan(abs(slope))), float(radius / abs(slope)))
 
 
-def _torus(origin: Array, axis: Array, meridian: Array, arrows: Array) -> Primitive:
-    """A circle in the half plane, by the normals."""
-    offset, spread = meridian - meridian.mean(axis=0), arrows - arrows.mean(axis=0)
-    minor = float((offset * spread).sum() / max(float((spread**2).sum()), 1e-12))
-    major, height = meridian.mean(axis=0) - minor * arrows.mean(axis=0)
-    return Torus(axis, origin + height * axis, float(major), abs(minor))
-
-
 _ABOUT: dict[str, Callable[[Array, Array, Array, Array], Primitive | None]] = {
     "cylinder": _cylinder,
     "cone": _cone,
-    "torus": _torus,
+    "torus": torus_about,
 }
-"""Origin and direction (3,) of the axis, (radius, height) (n, 2) of points, normals there (n, 2)."""
+"""Direction and origin (3,) of the axis, points (n, 3) and normals (n, 3)."""

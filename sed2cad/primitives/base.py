@@ -48,6 +48,11 @@ class Primitive(ABC):
         """+1 where the normals (n, 3) at points (n, 3) mostly agree with the primitive's, -1 where they oppose."""
         return 1 if np.median(np.einsum("ij,ij->i", self.normal(points), normals)) >= 0 else -1
 
+    def angles(self, points: Array, normals: Array) -> Array:
+        """Angles (n,) between normals (n, 3) at points (n, 3) and the primitive's, radians, on the side they are on."""
+        cosine = np.einsum("ij,ij->i", self.normal(points), normals) * self.side(points, normals)
+        return np.asarray(np.sqrt(np.maximum(2 - 2 * cosine, 0.0)))
+
     @abstractmethod
     def moved(self, delta: Array) -> Self:
         """The primitive changed by delta (freedom,) in its local chart."""

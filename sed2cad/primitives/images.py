@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sed2cad.primitives.relations import SAME, Placed, Stack
+from sed2cad.primitives.relations import SAME, Placed, Stack, dot
 
 # vectors (n, 3), datum (n,), number (n,) -> their images
 Map = Callable[[Stack, Placed, Stack], Stack]
@@ -37,11 +37,6 @@ class Image:
         position = self.move(p.position, d, number)
         image = Placed(np.column_stack([direction, position, p.size, p.second]))
         return SAME[self.kind](image, q, 1 + 0 * number)
-
-
-def dot(a: Stack, b: Stack) -> Stack:
-    """Scalar products (n,)."""
-    return np.asarray((a * b).sum(axis=-1))
 
 
 def _turned(vectors: Stack, axis: Placed, angle: Stack) -> Stack:

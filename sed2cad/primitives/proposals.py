@@ -12,7 +12,7 @@ from sed2cad.primitives.oriented_fit import directions
 from sed2cad.primitives.refine import Directions, centred, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS
 from sed2cad.primitives.relations import EQUATIONS, SAME, TANGENCIES, Equation, placement, placement_jacobian, residuals
-from sed2cad.primitives.robust_fit import thinned
+from sed2cad.primitives.robust_fit import UNSEEN, thinned
 from sed2cad.primitives.solve_relations import Evidence, Relation, Turns
 from sed2cad.primitives.vectors import tangent_frame
 
@@ -31,7 +31,6 @@ _MOST_POINTS = 300  # per primitive, to weigh it against the relations
 _SAME_MISFIT = 0.006  # of two patches of one surface, radians or unit frame
 _WORSENING = 0.25  # growth of chi^2 per point that intent outweighs
 _CHANCE = 4.0  # growth of chi^2 per parameter that chance explains
-_UNSEEN = 1e-4  # rms that nobody sees, unit frame
 _LEAST_SIGMA = 1e-4  # unit frame; no points are trusted more
 
 DIRECTION = slice(0, 2)  # in every chart but the sphere's
@@ -59,7 +58,7 @@ class Piece:
         """Whether a changed primitive has left the points by more than chance and anyone's eye allow."""
         before, after = self.evidence.chi_square(self.primitive), self.evidence.chi_square(moved)
         count, sigma = len(self.evidence.points), float(1 / np.sqrt(self.evidence.weights.max()))
-        unseen = count * (_UNSEEN / sigma) ** 2
+        unseen = count * (UNSEEN / sigma) ** 2
         return after - before > max(_WORSENING * count, _CHANCE * moved.freedom, unseen)
 
     @property

@@ -103,12 +103,13 @@ Equation = Callable[..., Stack]
 _rows = np.column_stack  # scalars (n,) and vectors (n, 3) side by side
 
 
-def _dot(a: Stack, b: Stack) -> Stack:
+def dot(a: Stack, b: Stack) -> Stack:
+    """Scalar products (n,)."""
     return np.asarray((a * b).sum(axis=-1))
 
 
 def _length(a: Stack) -> Stack:
-    return np.asarray(np.sqrt(_dot(a, a) + 1e-40))  # with a derivative, zero, at zero
+    return np.asarray(np.sqrt(dot(a, a) + 1e-40))  # with a derivative, zero, at zero
 
 
 def _off_axis(p: Placed, q: Placed) -> Stack:
@@ -118,12 +119,12 @@ def _off_axis(p: Placed, q: Placed) -> Stack:
 
 def _along(p: Placed, q: Placed) -> Stack:
     """How far q's position lies along the direction of p (n,)."""
-    return _dot(q.position - p.position, p.direction)
+    return dot(q.position - p.position, p.direction)
 
 
 def _height(p: Placed, q: Placed) -> Stack:
     """Signed distance (n,) of q's position from the plane p."""
-    return _dot(p.direction, q.position) - p.size
+    return dot(p.direction, q.position) - p.size
 
 
 def _parallel(p: Placed, q: Placed, s: Stack) -> Stack:
@@ -131,7 +132,7 @@ def _parallel(p: Placed, q: Placed, s: Stack) -> Stack:
 
 
 def _perpendicular(p: Placed, q: Placed, s: Stack) -> Stack:
-    return _dot(p.direction, q.direction)[:, None]
+    return dot(p.direction, q.direction)[:, None]
 
 
 def _concentric(p: Placed, q: Placed, s: Stack) -> Stack:
@@ -159,12 +160,12 @@ def _equal_minors(p: Placed, q: Placed, s: Stack) -> Stack:
 
 
 def _plane_cylinder(p: Placed, q: Placed, s: Stack) -> Stack:
-    return _rows([_dot(p.direction, q.direction), s * _height(p, q) - q.size])
+    return _rows([dot(p.direction, q.direction), s * _height(p, q) - q.size])
 
 
 def _plane_cone(p: Placed, q: Placed, s: Stack) -> Stack:
-    apex = _dot(p.direction, q.apex) - p.size
-    return _rows([apex, s * _dot(p.direction, q.direction) - np.sin(q.size)])
+    apex = dot(p.direction, q.apex) - p.size
+    return _rows([apex, s * dot(p.direction, q.direction) - np.sin(q.size)])
 
 
 def _plane_sphere(p: Placed, q: Placed, s: Stack) -> Stack:
@@ -198,25 +199,25 @@ def _cylinder_ring(p: Placed, q: Placed, s: Stack) -> Stack:
 
 def _cylinder_bend(p: Placed, q: Placed, s: Stack) -> Stack:
     """A torus that goes on as the cylinder."""
-    in_plane, across = _dot(p.direction, q.direction), _dot(q.position - p.position, q.direction)
+    in_plane, across = dot(p.direction, q.direction), dot(q.position - p.position, q.direction)
     return _rows([in_plane, across, p.size - q.second, _length(_off_axis(p, q)) - q.size])
 
 
 def _cone_ball(p: Placed, q: Placed, s: Stack) -> Stack:
-    height = _dot(q.position - p.apex, p.direction)
+    height = dot(q.position - p.apex, p.direction)
     return _rows([_off_axis(p, q), height * np.sin(p.size) - q.size])
 
 
 def _cone_ring(p: Placed, q: Placed, s: Stack) -> Stack:
     """A torus around the cone's axis; s = 1: outside it."""
-    height = _dot(q.position - p.apex, p.direction)
+    height = dot(q.position - p.apex, p.direction)
     gap = s * (q.size * np.cos(p.size) - height * np.sin(p.size)) - q.second
     return _rows([_coaxial(p, q, s), gap])
 
 
 def _ball_bend(p: Placed, q: Placed, s: Stack) -> Stack:
     """A torus that ends in the sphere."""
-    across = _dot(p.position - q.position, q.direction)
+    across = dot(p.position - q.position, q.direction)
     return _rows([across, p.size - q.second, _length(p.position - q.position) - q.size])
 
 

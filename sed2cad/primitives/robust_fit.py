@@ -25,6 +25,7 @@ _MEDIAN_CHI2 = 1.386  # of two degrees of freedom: squared angles of normals wit
 _FARTHEST = 3.5  # deviations of a normal that belongs
 _DROPS = 3  # times that they are looked for, at most
 _ENOUGH = 3  # points for each parameter, at least, when some are dropped
+UNSEEN = 1e-4  # unit frame: deviations that nobody sees; the chords of a tessellation are as far off
 FINEST = 3e-5  # unit frame: what a tessellation or rounding leaves; no evidence is sharper than this
 _NORMAL_NOISE = 0.05  # radians; normals are not better than that
 

@@ -15,7 +15,7 @@ import numpy as np
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.patterns import Datum
 from sed2cad.primitives.proposals import Pieces
-from sed2cad.primitives.relations import Equation, Placed, Stack, placement
+from sed2cad.primitives.relations import Equation, Placed, Stack, dot, placement
 from sed2cad.primitives.settle import primitives_of
 from sed2cad.primitives.solve_relations import Relation, by_equation, fit_terms, layout_of, linearised, null_space
 
@@ -179,10 +179,6 @@ def _direction(pieces: Pieces, index: int) -> Array:
     return placement(pieces[index].primitive)[:3]
 
 
-def _dot(a: Stack, b: Stack) -> Stack:
-    return np.asarray((a * b).sum(axis=-1))
-
-
 def _size(p: Placed, s: Stack) -> Stack:
     return (p.size - s)[:, None]
 
@@ -193,24 +189,24 @@ def _second(p: Placed, s: Stack) -> Stack:
 
 def _plane_gap(p: Placed, q: Placed, s: Stack) -> Stack:
     """From q to p along the normal of p; they are parallel."""
-    return (p.size - _dot(p.direction, q.direction) * q.size - s)[:, None]
+    return (p.size - dot(p.direction, q.direction) * q.size - s)[:, None]
 
 
 def _height(p: Placed, q: Placed, s: Stack) -> Stack:
     """Of a centre or an axis over a plane."""
-    return (_dot(p.direction, q.position) - p.size - s)[:, None]
+    return (dot(p.direction, q.position) - p.size - s)[:, None]
 
 
 def _rise(p: Placed, q: Placed, r: Placed, s: Stack) -> Stack:
     """From q to r along the normal of p."""
-    return (_dot(p.direction, r.position - q.position) - s)[:, None]
+    return (dot(p.direction, r.position - q.position) - s)[:, None]
 
 
 def _axis_gap(p: Placed, q: Placed, s: Stack) -> Stack:
     """Between parallel axes."""
     apart = np.cross(q.position - p.position, p.direction)
-    return (np.sqrt(_dot(apart, apart)) - s)[:, None]
+    return (np.sqrt(dot(apart, apart)) - s)[:, None]
 
 
 def _angle(p: Placed, q: Placed, s: Stack) -> Stack:
-    return (np.arccos(_dot(p.direction, q.direction)) - s)[:, None]
+    return (np.arccos(dot(p.direction, q.direction)) - s)[:, None]

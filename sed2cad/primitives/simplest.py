@@ -7,9 +7,8 @@ import numpy as np
 from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.refine import median_size, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS
-from sed2cad.primitives.robust_fit import robust_fit, thinned
+from sed2cad.primitives.robust_fit import UNSEEN, robust_fit, thinned
 
-UNSEEN = 1e-4  # unit frame: deviations that nobody sees; the chords of a tessellation are as far off
 _MOST_POINTS = 2000  # to fit and to judge by
 _INDEPENDENT = 100  # points that err independently
 _FARTHEST = 3.5  # deviations of a point that belongs
@@ -31,7 +30,7 @@ def analytic_instead(
     least, best = _cost(surface, points, numbers, unseen), None
     for kind in ANALYTIC_KINDS:
         found = robust_fit(kind, points, normals, noise)
-        if found is None or _turned(found[0], points, normals) > _TURNED:
+        if found is None or float(found[0].angles(points, normals).mean()) > _TURNED:
             continue
         cost = _cost(found[0], points, found[0].freedom, unseen)
         if cost < least and _explains(found[0], points, unseen):
@@ -55,9 +54,3 @@ def _robust_rms(surface: Primitive, points: Array, unseen: float) -> float:
     residual = np.abs(surface.distance(points))
     most = _FARTHEST * max(1.4826 * median_size(residual), unseen)
     return float(np.sqrt(np.mean(np.minimum(residual, most) ** 2)))
-
-
-def _turned(surface: Primitive, points: Array, normals: Array) -> float:
-    """Mean angle of the normals (n, 3) from the surface's, radians."""
-    cosine = np.einsum("ij,ij->i", surface.normal(points), normals) * surface.side(points, normals)
-    return float(np.sqrt(np.maximum(2 - 2 * cosine, 0.0)).mean())

@@ -138,7 +138,7 @@ def _cone_about(axis: Array, points: Array, normals: Array) -> Cone:
 
 
 def _tori(points: Array, normals: Array) -> list[Primitive]:
-    found = [_torus_about(axis, origin, points, normals) for axis, origin in revolution_axes(points, normals)]
+    found = [torus_about(axis, origin, points, normals) for axis, origin in revolution_axes(points, normals)]
     return [*found, _torus_by_tube(points, normals)]
 
 
@@ -156,7 +156,7 @@ def revolution_axes(points: Array, normals: Array) -> list[tuple[Array, Array]]:
     return [(axis, middle + size * np.cross(axis, back @ axis)) for axis in directions]
 
 
-def _torus_about(axis: Array, origin: Array, points: Array, normals: Array) -> Torus:
+def torus_about(axis: Array, origin: Array, points: Array, normals: Array) -> Torus:
     """The meridian circle in the half plane (radius, height), by the normals."""
     height, radius, radial = about_axis(points, origin, axis)
     meridian = np.column_stack([radius, height])

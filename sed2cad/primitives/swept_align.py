@@ -13,13 +13,13 @@ from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.extrusion import Extrusion, across
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.revolution import Revolution
+from sed2cad.primitives.robust_fit import UNSEEN
 from sed2cad.primitives.torus import Torus
 from sed2cad.primitives.vectors import unit
 
 _ANGLES = np.radians([0.3, 2.0])  # three standard deviations of a direction, within these limits
 _SHIFTS = (5e-4, 5e-3)  # of the place of an axis, unit frame
-_WORSE = 1.15  # times the rms, that an alignment may cost,
-_UNSEEN = 1e-4  # or this rms, unit frame
+_WORSE = 1.15  # times the rms, that an alignment may cost, or what nobody sees
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class _Line:
     point: Array | None  # (3,)
 
 
-def aligned(fitted: Sequence[FittedPatch], points: Array) -> tuple[list[FittedPatch], list[Alignment]]:
+def align_swept(fitted: Sequence[FittedPatch], points: Array) -> tuple[list[FittedPatch], list[Alignment]]:
     """The patches, the swept ones turned onto directions and axes that are within their uncertainty.
 
     points (n, 3) are those the patches index. Analytic patches lead, with the most points first; swept ones that
@@ -108,7 +108,7 @@ def _followed(
     before = _rms(primitive, points)
     for surface, alignment in trials:
         rms = _rms(surface, points)
-        if rms <= max(_WORSE * before, _UNSEEN):
+        if rms <= max(_WORSE * before, UNSEEN):
             return replace(patch, primitive=surface, rms=patch.rms * rms / max(before, 1e-300)), alignment
     return None
 

@@ -89,7 +89,7 @@ class _Judge:
         seen = [thinned(piece.points, piece.normals, max(int(share * len(piece.points)), 1)) for piece in given]
         points, normals = (np.vstack(columns) for columns in zip(*seen))
         residual = np.concatenate([piece.surface.distance(some) for piece, (some, _) in zip(given, seen)])
-        turned = np.concatenate([_angles(piece.surface, *some) for piece, some in zip(given, seen)])
+        turned = np.concatenate([piece.surface.angles(*some) for piece, some in zip(given, seen)])
         pieces = _pieces(points)
         sigma = float(np.clip(1.4826 * median_size(residual), FINEST, _SLACK * max(noise, FINEST)))
         turn = float(np.clip(_TURNED * turned.mean(), *_TURN))
@@ -106,7 +106,7 @@ class _Judge:
         if not explains(surface, self.points, _SLACK * max(self.noise, FINEST)):
             return False
         fits = _misfit(surface.distance(self.points), self.pieces, self.noise) <= max(self.misfit, 1.0)
-        return fits and float(_angles(surface, self.points, self.normals).mean()) <= self.turn
+        return fits and float(surface.angles(self.points, self.normals).mean()) <= self.turn
 
 
 def _pieces(points: Array) -> NDArray[np.int64]:
@@ -134,9 +134,3 @@ def _misfit(residual: Array, pieces: NDArray[np.int64], noise: float) -> float:
     usual = float((inner / (inner + systematic)).sum())
     most = max(usual * (1 + _SURPRISE * np.sqrt(2 / len(count))), _FINE * len(count))
     return float((mean**2 / (inner + systematic)).sum()) / most
-
-
-def _angles(surface: Primitive, points: Array, normals: Array) -> Array:
-    """Angles (n,) between the surface's normals and those of the points, radians."""
-    cosine = np.einsum("ij,ij->i", surface.normal(points), normals) * surface.side(points, normals)
-    return np.asarray(np.sqrt(np.maximum(2 - 2 * cosine, 0.0)))

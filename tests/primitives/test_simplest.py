@@ -7,7 +7,8 @@ import pytest
 
 from sed2cad.fitting import fit
 from sed2cad.primitives.base import Primitive
-from sed2cad.primitives.simplest import UNSEEN, analytic_instead
+from sed2cad.primitives.robust_fit import UNSEEN
+from sed2cad.primitives.simplest import analytic_instead
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.primitives.vectors import unit

@@ -17,7 +17,7 @@ from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.profile import Profile
 from sed2cad.primitives.registry import primitive_class
 from sed2cad.primitives.revolution import Revolution, reaching
-from sed2cad.primitives.swept_align import aligned
+from sed2cad.primitives.swept_align import align_swept
 from sed2cad.primitives.swept_choice import Explained, swept_instead
 from sed2cad.primitives.swept_fit import fit_extrusion, fit_revolution
 from sed2cad.primitives.vectors import unit
@@ -285,11 +285,11 @@ def test_a_wall_follows_the_floor_and_a_bell_the_bore() -> None:
 
     floor, bore = Plane(-lean, 0.0), Cylinder(lean, np.array([5e-5, 0.0, 0.0]), 0.1)
     fitted = [patch(floor, nothing), patch(wall.surface, own), patch(bore, nothing), patch(bell_.surface, own + 600)]
-    patches, found = aligned(fitted, points)
+    patches, found = align_swept(fitted, points)
     assert [(f.kind, f.leader, f.index) for f in found] == [("parallel", 0, 1), ("coaxial", 2, 3)]
     turned, centred = patches[1].primitive, patches[3].primitive
     assert isinstance(turned, Extrusion) and isinstance(centred, Revolution)
     assert np.abs(np.cross(turned.direction, lean)).max() < 1e-12 and np.abs(turned.axes @ lean).max() < 1e-12
     assert np.abs(np.cross(centred.origin - bore.point, lean)).max() < 1e-12
     far = [patch(Plane(unit(np.array([0.1, 0.0, 1.0])), 0.0), nothing), fitted[1]]
-    assert aligned(far, points) == (far, [])
+    assert align_swept(far, points) == (far, [])
