@@ -114,12 +114,23 @@ class AssemblyResult:
 def assemble(attempt: Attempt) -> AssemblyResult:
     """Corners, edges, faces, shells, solids; repaired until the kernel is content; judged by the gate.
 
+    Where faces cannot be drawn because their edges cross beside the corners, all edges are bent to end there.
     AssemblyError where a face is open or nothing can be built.
     """
     attempt = attempt.loosened()
+    result, checked = _assembled(attempt, bend=False)
+    if checked.undrawn:
+        bent, _ = _assembled(attempt, bend=True)
+        if bent.gate.passed:
+            return bent
+    return result
+
+
+def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
+    """The first repair that passes the gate, or the one with the fewest faults."""
     topology, frame = attempt.topology, attempt.frame
     fitted = [widened(patch) for patch in attempt.fitted]
-    draft = Draft(realise(topology, fitted), fitted)
+    draft = Draft(realise(topology, fitted, bend), fitted)
     layout = place(draft)
     hollow = cavities(layout, [region.area for region in topology.regions], attempt.facets)
     bodies = build_bodies(faceted(layout, attempt.facets).in_world(frame))
@@ -133,7 +144,7 @@ def assemble(attempt: Attempt) -> AssemblyResult:
         joined = join(shapes)
         result, checked = _judged(attempt, joined, variant)
         if result.gate.passed:
-            return result
+            return result, checked
         if best is None or faults < best[0]:
             best = faults, result, joined, checked
     if best is None:
@@ -141,7 +152,8 @@ def assemble(attempt: Attempt) -> AssemblyResult:
     limits = attempt.options.limits
     blamed = to_blame(best[2], best[3], topology, frame, limits)
     blamed = tuple(r for r in blamed if r not in attempt.facets)
-    return replace(best[1], blamed=blamed or at_worst_edge(layout, topology, limits.tolerance))
+    blamed = blamed or at_worst_edge(layout, topology, limits.tolerance)
+    return replace(best[1], blamed=blamed), best[3]
 
 
 def _judged(attempt: Attempt, joined: Joined, variant: Variant) -> tuple[AssemblyResult, Checked]:

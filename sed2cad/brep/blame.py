@@ -25,11 +25,16 @@ _BEYOND = 0.1  # share of a face that may lie off its region
 def to_blame(
     joined: Joined, checked: Checked, topology: Topology, frame: Frame, limits: Limits
 ) -> tuple[int, ...]:
-    """The regions whose faces are lost, invalid, off the scan or too far from their edges; () where none stands out."""
+    """The regions whose faces are lost, invalid, not to be drawn, off the scan or too far from their edges.
+
+    () where none stands out.
+    """
     lost = set(range(len(topology.regions))) - set(joined.regions)
     found = checked.result
     if not (found.closed and found.valid) or lost:
         return tuple(sorted(lost | _invalid(joined)))
+    if checked.undrawn:
+        return tuple(sorted({joined.regions[number] for number in checked.undrawn} - {-1}))
     if checked.deviations is not None:
         astray = _astray(joined, checked.deviations, topology, frame, limits)
         if astray:
@@ -60,7 +65,7 @@ def _astray(
         off, _ = nearest_triangles(points, Triangles(mesh.vertices, mesh.triangles[own], mesh.owner[own]))
         width = 1.5 * np.sqrt(region.area / len(points)) * frame.scale
         beyond, _ = cKDTree(points).query(spread[np.isin(owner, own)].reshape(-1, 3))
-        if (off > reach).mean() > _MISSING or (beyond > reach + width).mean() > _BEYOND:
+        if (off > reach).mean() > _MISSING or (beyond > reach + width).sum() > _BEYOND * len(beyond):
             found.add(r)
     return found
 

@@ -13,7 +13,6 @@ from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepLib import BRepLib
 from OCP.ShapeFix import ShapeFix_Shape
-from OCP.Standard import Standard_Failure
 from OCP.TopoDS import TopoDS, TopoDS_Shape, TopoDS_Solid
 
 from sed2cad.brep.kernel import face_numbers, faces, is_closed, solids, volume
@@ -60,7 +59,7 @@ def fix(body: Body, diagonal: float, variant: Variant) -> Fixed:
     """One selection of repairs on a copy of the body."""
     try:
         return _fixed(body, diagonal, variant)
-    except (Standard_Failure, RuntimeError):
+    except Exception:  # what the kernel raises has no common base: Standard_Failure, Standard_ConstructionError, ...
         return Fixed(body.solid, body.regions, _HOPELESS)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from OCP.TopoDS import TopoDS_Shape
 
+from sed2cad.brep.drawn import undrawn
 from sed2cad.brep.kernel import Array, faces, is_closed, is_valid, largest_tolerance, solids, volume
 from sed2cad.brep.measure import Deviations, deviations
 from sed2cad.brep.step import read_step, write_step
@@ -64,10 +65,11 @@ class GateResult:
 
 @dataclass(frozen=True)
 class Checked:
-    """The gate's verdict and the distances behind it (None where the solid was not fit to be measured)."""
+    """The gate's verdict and what is behind it."""
 
     result: GateResult
-    deviations: Deviations | None
+    deviations: Deviations | None  # None where the solid was not fit to be measured
+    undrawn: tuple[int, ...] = ()  # numbers of faces that cannot be drawn; looked for when all else is well
 
 
 def check(
@@ -93,10 +95,13 @@ def check(
         stray = measured.stray(expected.surface) if len(expected.surface) else math.nan
     found = GateResult(False, "", count, closed, valid, size, ratio, near, *spread, stray, tolerance, False)
     reason = _first_fault(found, expected, limits)
+    hidden = () if reason else undrawn(shape, expected.diagonal)
+    if hidden:
+        reason = f"{len(hidden)} of its faces cannot be drawn, their edges cross"
     survives = not reason and _survives_step(shape)
     if not reason and not survives:
         reason = "it is no longer valid after writing and reading the STEP file"
-    return Checked(replace(found, passed=not reason, reason=reason, step_valid=survives), measured)
+    return Checked(replace(found, passed=not reason, reason=reason, step_valid=survives), measured, hidden)
 
 
 def _first_fault(found: GateResult, expected: Expected, limits: Limits) -> str:

@@ -20,6 +20,8 @@ _NEAR = 0.02  # a closed-form curve lies this near to the chain on average
 _ENDS = 2e-3  # and this near to the chain's corners
 _ASTRAY = 3e-3  # a worse curve may be no better than the traced chain itself
 _SMOOTH = 1e-5  # interpolated curves get more points until they are this near to both surfaces
+_MET = 1e-7  # unit frame: an edge ends at its corner
+_BENT = 17  # points of an exact curve that is bent
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,21 @@ def edge_geometry(chain: Chain, a: Side, b: Side, how: Meeting, corners: Array) 
         return found
     traced = _measured(a, b, Interpolated(points, chain.closed), points, chain.closed)
     return min(found, traced, key=lambda edge: edge.residual)
+
+
+def bent(edge: EdgeGeometry, a: Side, b: Side, start: Array, end: Array) -> EdgeGeometry:
+    """An open edge that ends at start and end (3,) exactly, where the curve of its surfaces misses them.
+
+    Three faces and more that do not quite meet in a point make exact curves that end beside it, and cross there.
+    """
+    first, last = edge.arc.ends()
+    if max(np.linalg.norm(first - start), np.linalg.norm(last - end)) < _MET:
+        return edge
+    curve = edge.arc.curve
+    points = curve.points if isinstance(curve, Interpolated) else edge.arc.sampled(_BENT)
+    curve = Interpolated(between(points, start, end), False)
+    arc = Arc(curve, 0.0, curve.length)
+    return EdgeGeometry(arc, float(off_surfaces(a, b, arc.sampled(4 * len(points) + 1)).max()))
 
 
 def _measured(a: Side, b: Side, curve: Curve, points: Array, closed: bool) -> EdgeGeometry:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sed2cad.geometry.contact import Meeting, Side
 from sed2cad.geometry.curves import Array
-from sed2cad.geometry.edges import EdgeGeometry, edge_geometry
+from sed2cad.geometry.edges import EdgeGeometry, bent, edge_geometry
 from sed2cad.geometry.meeting import meeting
 from sed2cad.geometry.merging import CornerClusters
 from sed2cad.geometry.untangle import untangled
@@ -29,8 +29,11 @@ class Realised:
     edges: tuple[EdgeGeometry | None, ...]  # one per chain; None where the chain was contracted to its corner
 
 
-def realise(topology: Topology, fitted: Sequence[FittedPatch]) -> Realised:
-    """Move every corner onto all of its surfaces and every chain onto both of its own."""
+def realise(topology: Topology, fitted: Sequence[FittedPatch], bend: bool = False) -> Realised:
+    """Move every corner onto all of its surfaces and every chain onto both of its own.
+
+    With `bend` all edges end at their corners, even where that takes an exact curve off its surfaces.
+    """
     sides = [Side.of(patch) for patch in fitted]
     topology = untangled(topology, sides, _meetings(topology, sides))
     pairs = [_sides_of(topology, sides, chain) for chain in topology.chains]
@@ -43,6 +46,11 @@ def realise(topology: Topology, fitted: Sequence[FittedPatch]) -> Realised:
         edge_geometry(chain, a, b, how, corners) if alive else None
         for chain, (a, b), how, alive in zip(topology.chains, pairs, meetings, clusters.alive)
     ]
+    if bend:
+        edges = [
+            edge and (edge if chain.closed else bent(edge, a, b, corners[chain.start], corners[chain.end]))
+            for edge, chain, (a, b) in zip(edges, topology.chains, pairs)
+        ]
     residuals = np.array([clusters.solved[c].residual for c in labels])
     return Realised(topology, corners, labels, residuals, tuple(edges))
 

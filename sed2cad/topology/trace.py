@@ -19,6 +19,7 @@ from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import proxy_mesh
 from sed2cad.topology.regions import cleaned_labels, connected, support_of, unpinch
 from sed2cad.topology.samples import settled_labels
+from sed2cad.topology.walls import walled
 
 _MOST_CAPS = 8
 
@@ -28,9 +29,9 @@ class Traced:
     """The topology and what it was read from."""
 
     topology: Topology
-    fitted: list[FittedPatch]  # the given ones and, after them, the caps that were missing
+    fitted: list[FittedPatch]  # the given ones and, after them, the caps and walls that were missing
     proxy: Mesh
-    labels: Labels  # (f,) region of each triangle of the proxy
+    labels: Labels  # (f,) region of each triangle of the proxy; walls that were missing have none
 
 
 def trace(
@@ -58,7 +59,7 @@ def retraced(scan: Scan, mesh: Mesh, fitted: Sequence[FittedPatch], labels: Labe
 
 
 def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels) -> Traced:
-    """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
+    """The topology of the labels (f,), with the caps that close every cylinder and cone, and the walls of steps."""
     topology, region = _topology(mesh, near, labels)
     for _ in range(_MOST_CAPS):
         found = missing_cap(scan, mesh, region, topology, fitted)
@@ -69,7 +70,8 @@ def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacenc
         labels[triangles] = len(fitted)
         fitted = [*fitted, cap]
         topology, region = _topology(mesh, near, labels)
-    return Traced(topology, closable(scan, topology, fitted), mesh, region)
+    topology, fitted = walled(scan, topology, closable(scan, topology, fitted))
+    return Traced(topology, fitted, mesh, region)
 
 
 def _topology(mesh: Mesh, near: Adjacency, labels: Labels) -> tuple[Topology, Labels]:
