@@ -14,17 +14,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepGProp import BRepGProp
 from OCP.GProp import GProp_GProps
 from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
 from OCP.Standard import Standard_Failure
+from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Shape
 
 from sed2cad.brep.kernel import faces, is_closed, is_valid, solids, volume
 from sed2cad.brep.measure import Triangles, nearest_triangles, tessellate
 from sed2cad.primitives.base import Array
-from sed2cad.training.cad_mesh import Mesh, evaluate, faces_of, mesh_of, read_shape
+from sed2cad.training.cad_mesh import evaluate, read_shape
 from sed2cad.training.labelled_part import facets
 
 ANALYTIC = ("Plane", "Cylinder", "Cone", "Sphere", "Torus")
@@ -33,8 +35,9 @@ HAUSDORFF = 0.03  # R
 FACES = 1.5, 3  # at most so many times the true faces, and so many more
 LESS_ANALYTIC = 0.1  # share of the area
 SAMPLES = 40_000  # points on each solid
-NAN = float("nan")
+COARSE = 0.01  # cube root of the volume: deflection of the triangles that tell R
 DEFLECTION = 2e-4  # R: of the triangles that distances are measured to
+NAN = float("nan")
 
 
 @dataclass(frozen=True)
@@ -110,24 +113,28 @@ class Measured:
 def score_solid(job: ScoreJob) -> SolidScore:
     """Compare two files. OSError, ValueError or a crash of the kernel for a truth that cannot be used."""
     shape = read_shape(job.truth)
-    mesh = mesh_of(shape, faces_of(shape))
-    low, high = mesh.nodes.min(0), mesh.nodes.max(0)
-    radius = float(np.linalg.norm(mesh.nodes - (low + high) / 2, axis=1).max())
-    truth = _measured(shape, mesh, radius, job.merge)
+    radius = _radius(shape)
+    truth = _measured(shape, radius, job.merge)
     try:
-        found = read_shape(job.written)
-        return _compared(_measured(found, mesh_of(found, faces_of(found)), radius, job.merge), truth, radius, job.merge)
+        return _compared(_measured(read_shape(job.written), radius, job.merge), truth, radius, job.merge)
     except (OSError, ValueError, RuntimeError, Standard_Failure) as error:
         return _unknown(truth, job.merge, f"{type(error).__name__}: {error}")
 
 
-def _measured(shape: TopoDS_Shape, mesh: Mesh, radius: float, merge: bool) -> Measured:
-    """A shape, its triangles with parameters, and the true R in its unit."""
+def _radius(shape: TopoDS_Shape) -> float:
+    """Of the sphere about the centre of the box that holds the shape."""
+    nodes = tessellate(shape, COARSE * abs(volume(shape)) ** (1 / 3)).vertices
+    return float(np.linalg.norm(nodes - (nodes.min(0) + nodes.max(0)) / 2, axis=1).max())
+
+
+def _measured(shape: TopoDS_Shape, radius: float, merge: bool) -> Measured:
+    """A shape; the true R in its unit."""
     closed = bool(solids(shape)) and is_closed(shape) and is_valid(shape) and volume(shape) > 0
-    points, triangles = _spread(shape, mesh), tessellate(shape, DEFLECTION * radius)
+    triangles = tessellate(shape, DEFLECTION * radius)
+    points = _spread(shape, triangles)
     area = _areas(_unified(shape) if merge else shape)
     analytic = sum(size for name, size in area if name in ANALYTIC) / max(sum(size for _, size in area), 1e-12)
-    types = Counter(name for name, _ in area)
+    types = dict(Counter(name for name, _ in area))
     return Measured(len(solids(shape)), closed, volume(shape), types, analytic, points, triangles)
 
 
@@ -157,18 +164,25 @@ def _unknown(truth: Measured, merged: bool, error: str) -> SolidScore:
     return SolidScore(False, 0, truth.solids, NAN, NAN, NAN, none, truth.faces, NAN, truth.analytic, merged, error)
 
 
-def _spread(shape: TopoDS_Shape, mesh: Mesh) -> Array:
-    """Points (SAMPLES, 3) evenly over the faces and exactly on them, always the same ones."""
+def _spread(shape: TopoDS_Shape, mesh: Triangles) -> Array:
+    """Points (SAMPLES, 3) evenly over the faces of a tessellated shape and exactly on them, always the same ones."""
     rng = np.random.default_rng(0)
-    area = facets(mesh.nodes, mesh.triangles)[1]
+    area = facets(mesh.vertices, mesh.triangles)[1]
     pick = rng.choice(len(area), SAMPLES, p=area / area.sum())
     weight = rng.dirichlet(np.ones(3), SAMPLES)
-    uv = np.einsum("ij,ijk->ik", weight, mesh.uv[mesh.triangles[pick]])
-    owner, points = mesh.face[pick], np.empty((SAMPLES, 3))
-    for number, face in enumerate(faces_of(shape)):
+    uv = np.einsum("ij,ijk->ik", weight, _parameters(shape)[mesh.triangles[pick]])
+    owner, points = mesh.owner[pick], np.empty((SAMPLES, 3))
+    for number, face in enumerate(faces(shape)):
         own = np.flatnonzero(owner == number)
         points[own] = evaluate(face, uv[own])[0]
     return points
+
+
+def _parameters(shape: TopoDS_Shape) -> Array:
+    """Where on its face's surface each vertex of the shape's triangles lies, (v, 2)."""
+    meshes = [BRep_Tool.Triangulation_s(face, TopLoc_Location()) for face in faces(shape)]
+    nodes = [mesh.UVNode(k).Coord() for mesh in meshes if mesh is not None for k in range(1, mesh.NbNodes() + 1)]
+    return np.array(nodes)
 
 
 def _unified(shape: TopoDS_Shape) -> TopoDS_Shape:
