@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from gpytoolbox import squared_distance
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sed2cad.brep.measure import Triangles, nearest_triangles
 from sed2cad.evaluation.relations import true_patches
 from sed2cad.evaluation.trial import SAME_POINT, Trial
 from sed2cad.primitives.base import Patch
@@ -83,8 +83,8 @@ def patches_of(made: MadeScan, scan: Scan) -> list[Patch]:
 def _labelled(made: MadeScan, points: Array, normals: Array) -> LabelledCloud:
     """Labels of points (n, 3), unit frame, by the nearest triangle of the part."""
     part = made.part
-    mesh = Triangles(part.nodes.astype(np.float64), part.triangles.astype(np.int64), part.face.astype(np.int64))
-    face = mesh.owner[nearest_triangles(points, mesh)[1]]
+    nodes, triangles = part.nodes.astype(np.float64), part.triangles.astype(np.int64)
+    face = part.face[squared_distance(points, nodes, F=triangles, use_cpp=True, use_aabb=True)[1]]
     return LabelledCloud(
         points.astype(np.float32),
         normals.astype(np.float32),

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from gpytoolbox import squared_distance
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepGProp import BRepGProp
@@ -24,7 +25,7 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Shape
 
 from sed2cad.brep.kernel import faces, is_closed, is_valid, solids, volume
-from sed2cad.brep.measure import Triangles, nearest_triangles, tessellate
+from sed2cad.brep.measure import Triangles, tessellate
 from sed2cad.primitives.base import Array
 from sed2cad.training.cad_mesh import evaluate, read_shape
 from sed2cad.training.labelled_part import facets
@@ -140,9 +141,7 @@ def _measured(shape: TopoDS_Shape, radius: float, merge: bool) -> Measured:
 
 def _compared(found: Measured, truth: Measured, radius: float, merged: bool) -> SolidScore:
     """What was found, against the truth."""
-    to_truth, _ = nearest_triangles(found.points, truth.triangles)
-    to_found, _ = nearest_triangles(truth.points, found.triangles)
-    off = np.concatenate([to_truth, to_found]) / radius
+    off = np.concatenate([_off(found.points, truth.triangles), _off(truth.points, found.triangles)]) / radius
     return SolidScore(
         closed=found.closed,
         solids=found.solids,
@@ -156,6 +155,12 @@ def _compared(found: Measured, truth: Measured, radius: float, merged: bool) -> 
         true_analytic=truth.analytic,
         merged=merged,
     )
+
+
+def _off(points: Array, mesh: Triangles) -> Array:
+    """Distance (n,) of points (n, 3) to the nearest triangle."""
+    squared = squared_distance(points, mesh.vertices, F=mesh.triangles, use_cpp=True, use_aabb=True)[0]
+    return np.asarray(np.sqrt(squared))
 
 
 def _unknown(truth: Measured, merged: bool, error: str) -> SolidScore:

@@ -103,9 +103,9 @@ def test_two_bodies_and_an_open_shell(score: Callable[..., SolidScore]) -> None:
 
 
 def test_split_faces_count_once_and_types_are_compared(score: Callable[..., SolidScore]) -> None:
-    from build123d import Pos, chamfer, split
+    from build123d import Keep, Pos, chamfer, split
 
-    half = split(holed(), keep=split.__globals__["Keep"].BOTH)
+    half = split(holed(), keep=Keep.BOTH)
     assert score(half.solids()[0].fuse(half.solids()[1])).exact  # the halves glued together again
     chamfered = chamfer(holed().edges().filter_by(lambda edge: abs(edge.center().X) < 9)[0], 0.2)
     found = score(Pos(0, 0, 0) * chamfered)
