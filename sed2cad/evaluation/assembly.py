@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
@@ -174,9 +174,3 @@ def reconstruct_part(job: Job) -> Reconstructed:
 
 def _make(job: tuple[Path, str]) -> MadeScan:
     return make_scan(*job)
-
-
-def shares(rows: Sequence[PartRow]) -> tuple[float, float, float]:
-    """Percentages of closed, solved and exact parts."""
-    closed, solved, exact = np.mean([(row.closed, row.solved, row.exact) for row in rows], axis=0) * 100
-    return float(closed), float(solved), float(exact)

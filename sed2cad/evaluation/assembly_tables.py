@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 
 import numpy as np
 
-from sed2cad.evaluation.assembly import AssemblySettings, PartRow, shares
+from sed2cad.evaluation.assembly import AssemblySettings, PartRow
 from sed2cad.evaluation.tables import aligned, to_json
 
 
@@ -28,10 +29,11 @@ def assembly_json(settings: AssemblySettings, rows: Sequence[PartRow]) -> str:
 def _summary(rows: Sequence[PartRow]) -> list[str]:
     """One line; D_h and off_rms are medians of the closed parts, in radii."""
     header = ["parts", "closed", "solved", "exact", "median s", "95 % s", "largest s", "peak MB", "D_h", "off_rms"]
+    closed, solved, exact = (sum(held) for held in zip(*((row.closed, row.solved, row.exact) for row in rows)))
     seconds = _known(row.seconds for row in rows)
     scores = [row.score for row in rows if row.score is not None and row.score.closed]
     off = _known(score.hausdorff for score in scores), _known(score.off_rms for score in scores)
-    line = [str(len(rows)), *(f"{share:.0f} %" for share in shares(rows))]
+    line = [str(len(rows)), *(f"{100 * held / len(rows):.0f} %" for held in (closed, solved, exact))]
     line += [f"{np.quantile(seconds, q):.1f}" for q in (0.5, 0.95, 1.0)]
     line += [f"{_known(row.peak_mb for row in rows).max():.0f}", *(f"{np.median(values):.2e}" for values in off)]
     return aligned([header, line])
@@ -50,8 +52,8 @@ def _causes(rows: Sequence[PartRow]) -> list[str]:
 
 def _rungs(rows: Sequence[PartRow]) -> list[str]:
     """How many solids each rung of the ladder gave."""
-    found = [(row.rung, row.part) for row in rows if row.rung]
-    return ["found as", *(line.rsplit(":", 1)[0] for line in _counted(found))] if found else []
+    found = Counter(row.rung for row in rows if row.rung)
+    return ["found as", *(f"{count:4}  {rung}" for rung, count in found.most_common())] if found else []
 
 
 def _counted(named: Sequence[tuple[str, str]]) -> list[str]:

@@ -102,14 +102,23 @@ def test_two_bodies_and_an_open_shell(score: Callable[..., SolidScore]) -> None:
     assert score(Shell(holed().faces()[1:])).faults == ("not closed",)
 
 
-def test_split_faces_count_once_and_types_are_compared(score: Callable[..., SolidScore]) -> None:
-    from build123d import Keep, Pos, chamfer, split
+def test_faces_on_one_surface_count_once(score: Callable[..., SolidScore]) -> None:
+    from build123d import Keep, split
+    from build123d.topology import SkipClean
 
-    half = split(holed(), keep=Keep.BOTH)
-    assert score(half.solids()[0].fuse(half.solids()[1])).exact  # the halves glued together again
-    chamfered = chamfer(holed().edges().filter_by(lambda edge: abs(edge.center().X) < 9)[0], 0.2)
-    found = score(Pos(0, 0, 0) * chamfered)
-    assert found.solved and not found.exact and len(found.differences) == 1
+    one, other = split(holed(), keep=Keep.BOTH).solids()
+    with SkipClean():
+        glued = one.fuse(other)
+    assert score(glued).exact
+    assert score(glued, merge=False).differences == ("Cylinder +1", "Plane +4")
+
+
+def test_a_chamfer_is_another_type(score: Callable[..., SolidScore]) -> None:
+    from build123d import Axis, GeomType, chamfer
+
+    rim = holed().edges().filter_by(GeomType.CIRCLE).sort_by(Axis.Z)[-1]
+    found = score(chamfer(rim, 0.2))
+    assert found.solved and not found.exact and found.differences == ("Cone +1",)
 
 
 def test_what_is_no_file_is_not_closed(folder: Path, tmp_path: Path) -> None:
