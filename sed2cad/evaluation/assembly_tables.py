@@ -41,7 +41,7 @@ def _summary(rows: Sequence[PartRow]) -> list[str]:
 
 def _causes(rows: Sequence[PartRow]) -> list[str]:
     """What parts that are not solved, or solved but not exact, have in common; a part may have several causes."""
-    named = [(cause, row.part) for row in rows if row.failure or not row.solved for cause in row.causes]
+    named = [(cause, row.part) for row in rows if not row.solved for cause in row.causes]
     lines = ["not solved", *_counted(named)] if named else []
     typed = [(cause, row.part) for row in rows if row.solved for cause in row.causes]
     lines += ["solved, not exact", *_counted(typed)] if typed else []
