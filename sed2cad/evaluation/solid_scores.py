@@ -15,19 +15,21 @@ from pathlib import Path
 
 import numpy as np
 from gpytoolbox import squared_distance
+from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepGProp import BRepGProp
+from OCP.BRepMesh import BRepMesh_IncrementalMesh
+from OCP.BRepTools import BRepTools
 from OCP.GProp import GProp_GProps
 from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
 from OCP.Standard import Standard_Failure
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS_Shape
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
 from sed2cad.brep.kernel import faces, is_closed, is_valid, solids, volume
-from sed2cad.brep.measure import Triangles, tessellate
 from sed2cad.primitives.base import Array
-from sed2cad.training.cad_mesh import evaluate, read_shape
+from sed2cad.training.cad_mesh import Mesh, array, evaluate, read_shape
 from sed2cad.training.labelled_part import facets
 
 ANALYTIC = ("Plane", "Cylinder", "Cone", "Sphere", "Torus")
@@ -38,6 +40,7 @@ LESS_ANALYTIC = 0.1  # share of the area
 SAMPLES = 40_000  # points on each solid
 COARSE = 0.01  # cube root of the volume: deflection of the triangles that tell R
 DEFLECTION = 2e-4  # R: of the triangles that distances are measured to
+ANGLE = 0.2  # radians: largest turn of a face over one of them
 NAN = float("nan")
 
 
@@ -108,7 +111,7 @@ class Measured:
     faces: Mapping[str, int]
     analytic: float  # share of the area
     points: Array  # (SAMPLES, 3) exactly on the faces, evenly spread
-    triangles: Triangles
+    mesh: Mesh
 
 
 def score_solid(job: ScoreJob) -> SolidScore:
@@ -124,24 +127,23 @@ def score_solid(job: ScoreJob) -> SolidScore:
 
 def _radius(shape: TopoDS_Shape) -> float:
     """Of the sphere about the centre of the box that holds the shape."""
-    nodes = tessellate(shape, COARSE * abs(volume(shape)) ** (1 / 3)).vertices
+    nodes = _tessellated(shape, COARSE * abs(volume(shape)) ** (1 / 3)).nodes
     return float(np.linalg.norm(nodes - (nodes.min(0) + nodes.max(0)) / 2, axis=1).max())
 
 
 def _measured(shape: TopoDS_Shape, radius: float, merge: bool) -> Measured:
     """A shape; the true R in its unit."""
     closed = bool(solids(shape)) and is_closed(shape) and is_valid(shape) and volume(shape) > 0
-    triangles = tessellate(shape, DEFLECTION * radius)
-    points = _spread(shape, triangles)
+    mesh = _tessellated(shape, DEFLECTION * radius)
     area = _areas(_unified(shape) if merge else shape)
     analytic = sum(size for name, size in area if name in ANALYTIC) / max(sum(size for _, size in area), 1e-12)
     types = dict(Counter(name for name, _ in area))
-    return Measured(len(solids(shape)), closed, volume(shape), types, analytic, points, triangles)
+    return Measured(len(solids(shape)), closed, volume(shape), types, analytic, _spread(shape, mesh), mesh)
 
 
 def _compared(found: Measured, truth: Measured, radius: float, merged: bool) -> SolidScore:
     """What was found, against the truth."""
-    off = np.concatenate([_off(found.points, truth.triangles), _off(truth.points, found.triangles)]) / radius
+    off = np.concatenate([_off(found.points, truth.mesh), _off(truth.points, found.mesh)]) / radius
     return SolidScore(
         closed=found.closed,
         solids=found.solids,
@@ -157,9 +159,9 @@ def _compared(found: Measured, truth: Measured, radius: float, merged: bool) -> 
     )
 
 
-def _off(points: Array, mesh: Triangles) -> Array:
+def _off(points: Array, mesh: Mesh) -> Array:
     """Distance (n,) of points (n, 3) to the nearest triangle."""
-    squared = squared_distance(points, mesh.vertices, F=mesh.triangles, use_cpp=True, use_aabb=True)[0]
+    squared = squared_distance(points, mesh.nodes, F=mesh.triangles, use_cpp=True, use_aabb=True)[0]
     return np.asarray(np.sqrt(squared))
 
 
@@ -169,25 +171,46 @@ def _unknown(truth: Measured, merged: bool, error: str) -> SolidScore:
     return SolidScore(False, 0, truth.solids, NAN, NAN, NAN, none, truth.faces, NAN, truth.analytic, merged, error)
 
 
-def _spread(shape: TopoDS_Shape, mesh: Triangles) -> Array:
+def _spread(shape: TopoDS_Shape, mesh: Mesh) -> Array:
     """Points (SAMPLES, 3) evenly over the faces of a tessellated shape and exactly on them, always the same ones."""
     rng = np.random.default_rng(0)
-    area = facets(mesh.vertices, mesh.triangles)[1]
+    area = facets(mesh.nodes, mesh.triangles)[1]
     pick = rng.choice(len(area), SAMPLES, p=area / area.sum())
     weight = rng.dirichlet(np.ones(3), SAMPLES)
-    uv = np.einsum("ij,ijk->ik", weight, _parameters(shape)[mesh.triangles[pick]])
-    owner, points = mesh.owner[pick], np.empty((SAMPLES, 3))
+    uv = np.einsum("ij,ijk->ik", weight, mesh.uv[mesh.triangles[pick]])
+    owner, points = mesh.face[pick], np.empty((SAMPLES, 3))
     for number, face in enumerate(faces(shape)):
         own = np.flatnonzero(owner == number)
         points[own] = evaluate(face, uv[own])[0]
     return points
 
 
-def _parameters(shape: TopoDS_Shape) -> Array:
-    """Where on its face's surface each vertex of the shape's triangles lies, (v, 2)."""
-    meshes = [BRep_Tool.Triangulation_s(face, TopLoc_Location()) for face in faces(shape)]
-    nodes = [mesh.UVNode(k).Coord() for mesh in meshes if mesh is not None for k in range(1, mesh.NbNodes() + 1)]
-    return np.array(nodes)
+def _tessellated(shape: TopoDS_Shape, deflection: float) -> Mesh:
+    """Triangles, however oriented. ValueError where the kernel makes none.
+
+    On a few faces that it calls valid, the kernel covers holes when it is allowed larger angles.
+    """
+    BRepTools.Clean_s(shape)  # a file may hold a mesh of its own
+    BRepMesh_IncrementalMesh(shape, deflection, False, ANGLE, True)
+    meshes = [_face_triangles(face) for face in faces(shape)]
+    nodes, uv, triangles = (np.vstack(arrays) for arrays in zip(*meshes))
+    counts = [len(own) for own, _, _ in meshes]
+    owner = np.repeat(np.arange(len(meshes)), [len(own) for _, _, own in meshes])
+    first = np.cumsum(counts) - counts
+    return Mesh(nodes, uv, triangles + first[owner, None], owner, np.repeat(np.arange(len(meshes)), counts))
+
+
+def _face_triangles(face: TopoDS_Face) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Nodes (n, 3), their parameters (n, 2) and triangles (t, 3) of a face; empty where there are none."""
+    location = TopLoc_Location()
+    mesh = BRep_Tool.Triangulation_s(face, location)
+    if mesh is None:
+        return np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3), np.int64)
+    move, numbers = location.Transformation(), range(1, mesh.NbNodes() + 1)
+    nodes = np.array([array(mesh.Node(k).Transformed(move)) for k in numbers])
+    uv = np.array([mesh.UVNode(k).Coord() for k in numbers])
+    corners = np.array([mesh.Triangle(k).Get() for k in range(1, mesh.NbTriangles() + 1)], np.int64)
+    return nodes, uv, corners.reshape(-1, 3) - 1
 
 
 def _unified(shape: TopoDS_Shape) -> TopoDS_Shape:
