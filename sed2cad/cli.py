@@ -254,7 +254,7 @@ def train_command(
         print(f"{best}: best weights")
 
 
-for command in (commands.segmentation, commands.ablation, commands.fitting):
+for command in (commands.segmentation, commands.ablation, commands.fitting, commands.assembly):
     evaluate.command(command.__name__)(reported(command))
 
 

@@ -17,7 +17,7 @@ from sed2cad.joining import joined
 from sed2cad.model import CadModel
 from sed2cad.network.predict import PointLabels, predict
 from sed2cad.network.weights import load_weights
-from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.report.summary import summarise
 from sed2cad.scan.prepare import prepare
 from sed2cad.scan.raw import RawScan
@@ -29,6 +29,8 @@ from sed2cad.settings import Settings
 PLURALS = {"torus": "tori"}
 Progress = Callable[[str, str], None]
 """Called as progress(stage, message) when a stage has ended."""
+Segmentation = Callable[[Scan, Settings, "Clock"], list[Patch]]
+"""What finds the patches of a prepared scan, and tells the clock of its stages."""
 
 
 def reconstruct(
@@ -39,7 +41,13 @@ def reconstruct(
     ScanError for a scan that cannot be used, WeightsError for the network, AssemblyError when not even a faceted
     solid could be built. The same scan and seed give the same solid.
     """
-    settings = settings or Settings()
+    return reconstruct_from(by_network, scan, settings or Settings(), progress)
+
+
+def reconstruct_from(
+    segmentation: Segmentation, scan: str | Path | RawScan, settings: Settings, progress: Progress | None = None
+) -> CadModel:
+    """`reconstruct` with any source of patches."""
     clock = Clock(progress or (lambda stage, message: None))
     warm_up()  # the CAD kernel loads in a process of its own meanwhile
     with warnings.catch_warnings(record=True) as caught:
@@ -47,10 +55,7 @@ def reconstruct(
         raw = read_scan(Path(scan)) if isinstance(scan, (str, Path)) else scan
         prepared = prepare(raw, settings.seed)
         clock.done("scan", f"{len(prepared.points):,} points, noise {prepared.noise * prepared.frame.scale:.2g}")
-        labels = label(prepared, settings)
-        clock.done("network", "types, edges and descriptors of every point")
-        patches = segment(prepared, labels, settings.seed)
-        clock.done("segment", f"{len(patches)} patches")
+        patches = segmentation(prepared, settings, clock)
         fitted = joined(prepared, fit_patches(prepared, patches))
         clock.done("fit", count_kinds(fitted))
         assembly = assemble(prepared, fitted, settings, clock.done)
@@ -65,6 +70,15 @@ def reconstruct(
         face_names=assembly.face_names,
         report=summarise(assembly, prepared.frame, tuple(clock.seconds), notes),
     )
+
+
+def by_network(scan: Scan, settings: Settings, clock: Clock) -> list[Patch]:
+    """The patches that the network proposes and the refinement settles."""
+    labels = label(scan, settings)
+    clock.done("network", "types, edges and descriptors of every point")
+    patches = segment(scan, labels, settings.seed)
+    clock.done("segment", f"{len(patches)} patches")
+    return patches
 
 
 def label(scan: Scan, settings: Settings) -> PointLabels:

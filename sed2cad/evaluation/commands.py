@@ -113,3 +113,37 @@ def fitting(
     print(fitting_text(result))
     if json:
         write_text(json, fitting_json(result))
+
+
+def assembly(
+    parts: Annotated[Path, typer.Argument(metavar="PARTS", help="Folder of .step, .stp and .brep files.")],
+    labels: Annotated[str, typer.Option(metavar="true|network", help="Where the patches come from.")],
+    kind: Annotated[str, typer.Option(metavar="clean|noisy|dense|mesh", help="Of the scans.")] = "clean",
+    limit: Annotated[int | None, typer.Option(min=1, help="So many parts, evenly spread over the names.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Parts at a time, each on one thread.")] = 1,
+    timeout: Annotated[float, typer.Option(min=1, help="Seconds for each reconstruction.")] = 180.0,
+    json: Json = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Scan CAD files, reconstruct them and score the solids: closed, solved, exact, and why not.
+
+    true: the patches are those of the true faces, so that only fits and assembly are scored; network: the whole
+    pipeline. A crash or a hang is a row, never the end of the run.
+    """
+    if json:
+        require_writable("--json", json)
+    from sed2cad.evaluation.assembly import AssemblySettings, PartRow, evaluate_assembly
+    from sed2cad.evaluation.assembly_tables import assembly_json, assembly_text
+
+    def tell(done: int, total: int, row: PartRow) -> None:
+        if not quiet:
+            verdict = "exact" if row.exact else ", ".join(row.causes)
+            told = f"{row.part}  {verdict}  {row.seconds:.1f} s"
+            print(f"assembly  {done} of {total}: {told}", file=sys.stderr, flush=True)
+
+    settings = AssemblySettings(labels, kind, limit, workers, timeout)
+    rows = evaluate_assembly(parts, settings, progress=tell)
+    print(assembly_text(rows))
+    if json:
+        write_text(json, assembly_json(settings, rows))
