@@ -1,4 +1,4 @@
-"""Walls of shallow steps that the labels lost: two faces share a border but lie at different heights there.
+"""Walls of steps and rims that the labels lost: two parallel faces share a border but lie at different heights there.
 
 No edge can lie on both of them. A wall is put between: on the surface of a patch that runs along the border, else
 on the plane or cylinder that stands on it.
@@ -19,7 +19,7 @@ from sed2cad.primitives.vectors import unit
 from sed2cad.scan.scan import Array, Scan
 from sed2cad.topology.model import Chain, Region, Topology
 
-_LEVEL = 0.9  # cosine between the normals of the two faces, at least
+_LEVEL = 0.9  # cosine between the normals of the two faces, at least; opposite ones are those of a sheet
 _STEP = 0.35  # spacings: lower steps are left to the tolerances
 _UPRIGHT = 0.85  # cosine between the normals of a wall and of the surface that is to hold it, at least
 _ALONG = 0.25  # of the height: a surface so near to the border runs along it
@@ -74,15 +74,13 @@ def _step(scan: Scan, topology: Topology, patches: Sequence[FittedPatch], number
         return None
     up, other = (patch.sign * patch.primitive.normal(chain.points) for patch in (left, right))
     low, high = (patch.sign * patch.primitive.distance(chain.points) for patch in (left, right))
-    rise = low - high  # of the right face above the left
-    if np.median(np.einsum("ij,ij->i", up, other)) < _LEVEL or abs(np.median(rise)) < _STEP * scan.spacing:
+    cosine = float(np.median(np.einsum("ij,ij->i", up, other)))
+    rise = low - np.sign(cosine) * high  # of the right face above the left
+    if abs(cosine) < _LEVEL or abs(np.median(rise)) < _STEP * scan.spacing:
         return None
     foot, head = (patch.primitive.project(chain.points) for patch in (left, right))
-    ahead = (
-        np.roll(chain.points, -1, axis=0) - np.roll(chain.points, 1, axis=0)
-        if chain.closed
-        else (np.gradient(chain.points, axis=0))
-    )
+    around = np.vstack([chain.points[-1:], chain.points, chain.points[:1]])
+    ahead = np.gradient(around, axis=0)[1:-1] if chain.closed else np.gradient(chain.points, axis=0)
     outward = unit(np.cross(ahead, up)) * -np.sign(np.median(rise))  # to the right, where the right face is lower
     return Step(number, foot, head, outward)
 

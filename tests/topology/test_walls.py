@@ -58,6 +58,26 @@ def stepped_box(bent: bool = False, slanted: float = 0.0) -> parts.Part:
     return b.part(volume, 2000.0)
 
 
+def sheet(thick: float = 1.0) -> parts.Part:
+    """A plate of 30 x 20 without its side at x = 0: there its top and bottom share a border."""
+    b = Builder()
+    front, right, back = (b.face(Plane(w, d)) for w, d in ((-Y, 0), (X, 30), (Y, WIDE)))
+    top, bottom = b.face(Plane(Z, thick)), b.face(Plane(-Z, 0))
+    low, high = ([b.corner(30, 0, z), b.corner(30, WIDE, z)] for z in (0.0, thick))
+    near, far = b.corner(0, 0, thick / 2), b.corner(0, WIDE, thick / 2)
+    lows = [b.line(near, low[0], front, bottom), b.line(low[0], low[1], right, bottom),
+            b.line(low[1], far, back, bottom)]  # fmt: skip
+    highs = [b.line(near, high[0], top, front), b.line(high[0], high[1], top, right), b.line(high[1], far, top, back)]
+    posts = [b.line(low[0], high[0], front, right), b.line(low[1], high[1], right, back)]
+    border = b.line(far, near, top, bottom)
+    b.loop(top, *[(k, 1) for k in (*highs, border)])
+    b.loop(bottom, *[(k, -1) for k in (border, *lows[::-1])])
+    b.loop(front, (lows[0], 1), (posts[0], 1), (highs[0], -1))
+    b.loop(right, (lows[1], 1), (posts[1], 1), (highs[1], -1), (posts[0], -1))
+    b.loop(back, (lows[2], 1), (highs[2], -1), (posts[1], -1))
+    return b.part(30 * WIDE * thick, 2000.0)
+
+
 def raised_disc(radius: float = 5.0, height: float = 0.6) -> parts.Part:
     """A box of 30 x 20 x 10 with a low round boss, without the boss's side."""
     b = Builder()
@@ -79,8 +99,9 @@ def scan_of(part: parts.Part, points: np.ndarray | None = None) -> SimpleNamespa
         (stepped_box(slanted=4.0), "plane"),
         (stepped_box(bent=True), "plane"),
         (raised_disc(), "cylinder"),
+        (sheet(), "plane"),
     ],
-    ids=["step", "slanted", "four faces", "boss"],
+    ids=["step", "slanted", "four faces", "boss", "sheet"],
 )
 def test_a_step_gets_its_wall(part: parts.Part, kind: str) -> None:
     topology, patches = walled(scan_of(part), part.topology, part.fitted)
