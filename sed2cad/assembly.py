@@ -28,6 +28,7 @@ from sed2cad.topology.faceted import decimate
 from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import smooth_proxy
 from sed2cad.topology.trace import Traced, trace
+from sed2cad.topology.walls import walled
 
 Done = Callable[[str, str], None]
 
@@ -59,12 +60,14 @@ class Rung:
     smoothness: float = 1.0  # of the labels on the proxy mesh
     regular: bool = True  # whether parallel, coaxial, ... are made exact
     smooth: bool = False  # whether the proxy is a Poisson surface instead of a carved one
+    walls: bool = True  # whether steps get the walls that the labels lost; without, only where there are such steps
 
 
 LADDER = (
     Rung("exact"),
     Rung(UNREGULARISED, regular=False),
     Rung("exact, smoother borders", smoothness=2.5),
+    Rung("exact, smoother borders, no walls added", smoothness=2.5, walls=False),
     Rung("exact, second proxy", smooth=True),
 )
 RAW_LADDER = (
@@ -89,6 +92,8 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
         try:
+            if not rung.walls and not tracer.has_steps(rung):
+                continue
             trial = _attempt(rung, tracer, settings, done)
         except AssemblyError as error:
             failures.append(f"{rung.name}: {error}")
@@ -128,6 +133,15 @@ class Tracer:
             self.proxies[rung.smooth] = self.traces[key].proxy
         return self.traces[key]
 
+    def walled(self, rung: Rung) -> tuple[Topology, list[FittedPatch]]:
+        """The topology for a rung and its patches, with walls if it asks for them. AssemblyError."""
+        traced = self.trace(rung)
+        return walled(self.scan, traced.topology, traced.fitted) if rung.walls else (traced.topology, traced.fitted)
+
+    def has_steps(self, rung: Rung) -> bool:
+        """Whether walls would change the topology. AssemblyError when there is none."""
+        return self.walled(replace(rung, walls=True))[0] is not self.trace(rung).topology
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -149,16 +163,16 @@ class Trial:
 def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Trial:
     """One rung."""
     scan, traced = tracer.scan, tracer.trace(rung)
-    patches = list(traced.fitted)
+    topology, patches = tracer.walled(rung)
     constraints: list[Constraint] = []
     if rung.regular:
         step = settings.round / scan.frame.scale if settings.round else None
-        patches, constraints = regularize(scan, patches, traced.topology, step)
-    faces, edges = len(traced.topology.regions), len(traced.topology.chains)
+        patches, constraints = regularize(scan, patches, topology, step)
+    faces, edges = len(topology.regions), len(topology.chains)
     done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
     surface = np.vstack([scan.points, traced.proxy.vertices])
     options = Options(limits=_limits(scan, settings))
-    attempt = Attempt(traced.topology, tuple(patches), scan.frame, scan.points, options, surface)
+    attempt = Attempt(topology, tuple(patches), scan.frame, scan.points, options, surface)
     outcome = run_isolated(exact_solid, attempt, settings.attempt_seconds)
     return Trial(attempt, traced, outcome, tuple(constraints))
 

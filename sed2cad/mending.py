@@ -20,6 +20,7 @@ from sed2cad.primitives.bspline_fit import fit_bspline
 from sed2cad.scan.scan import Scan
 from sed2cad.topology.remedies import remedied
 from sed2cad.topology.trace import Traced
+from sed2cad.topology.walls import walled
 
 Run = Callable[[Callable[[Attempt], Verdict], Attempt, float], Verdict | Failure]
 
@@ -98,9 +99,10 @@ class Mending:
             self.replace(region)
         return bool(left) and self.share() < _LARGEST
 
-    def retraced(self, traced: Traced) -> Mending:
+    def retraced(self, scan: Scan, traced: Traced) -> Mending:
         """The same on other regions, with nothing replaced yet."""
-        base = replace(self.base, topology=traced.topology, fitted=tuple(traced.fitted))
+        topology, fitted = walled(scan, traced.topology, traced.fitted)
+        base = replace(self.base, topology=topology, fitted=tuple(fitted))
         return Mending(base, traced)
 
     def misfits(self) -> tuple[int, ...]:
@@ -147,7 +149,7 @@ def mend(
         again = None if looked else remedied(scan, traced, base.fitted, verdict.blamed)
         looked = True
         if again is not None:
-            mending = mending.retraced(again)
+            mending = mending.retraced(scan, again)
             continue
         if not mending.replace_all(mending.misfits() or verdict.blamed):
             break

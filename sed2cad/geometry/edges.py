@@ -75,6 +75,8 @@ def _closed_form(a: Side, b: Side, points: Array, how: Meeting, closed: bool) ->
     if how == "resting":
         return None
     candidates = exact_intersections(a.primitive, b.primitive, how == "touching")
+    if closed:
+        candidates = [curve for curve in candidates if curve.kind != "line"]
     if not candidates:
         return None
     distances = [curve.distance(points) for curve in candidates]

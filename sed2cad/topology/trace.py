@@ -19,7 +19,6 @@ from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import proxy_mesh
 from sed2cad.topology.regions import cleaned_labels, connected, support_of, unpinch
 from sed2cad.topology.samples import settled_labels
-from sed2cad.topology.walls import walled
 
 _MOST_CAPS = 8
 
@@ -29,9 +28,9 @@ class Traced:
     """The topology and what it was read from."""
 
     topology: Topology
-    fitted: list[FittedPatch]  # the given ones and, after them, the caps and walls that were missing
+    fitted: list[FittedPatch]  # the given ones and, after them, the caps that were missing
     proxy: Mesh
-    labels: Labels  # (f,) region of each triangle of the proxy; walls that were missing have none
+    labels: Labels  # (f,) region of each triangle of the proxy
 
 
 def trace(
@@ -59,7 +58,7 @@ def retraced(scan: Scan, mesh: Mesh, fitted: Sequence[FittedPatch], labels: Labe
 
 
 def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels) -> Traced:
-    """The topology of the labels (f,), with the caps that close every cylinder and cone, and the walls of steps."""
+    """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
     topology, region = _topology(mesh, near, labels)
     for _ in range(_MOST_CAPS):
         found = missing_cap(scan, mesh, region, topology, fitted)
@@ -70,8 +69,7 @@ def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacenc
         labels[triangles] = len(fitted)
         fitted = [*fitted, cap]
         topology, region = _topology(mesh, near, labels)
-    topology, fitted = walled(scan, topology, closable(scan, topology, fitted))
-    return Traced(topology, fitted, mesh, region)
+    return Traced(topology, closable(scan, topology, fitted), mesh, region)
 
 
 def _topology(mesh: Mesh, near: Adjacency, labels: Labels) -> tuple[Topology, Labels]:

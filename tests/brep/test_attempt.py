@@ -7,6 +7,7 @@ import pytest
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepGProp import BRepGProp
 from OCP.GProp import GProp_GProps
+from OCP.Standard import Standard_ConstructionError, Standard_Failure
 from OCP.TopoDS import TopoDS_Shape
 
 from sed2cad.brep.attempt import Attempt, Options, assemble
@@ -161,3 +162,14 @@ def test_the_same_part_is_the_same_bytes() -> None:
 def test_stored_solids_carry_no_triangles() -> None:
     assert len(result("ball").brep) < 5000
     assert is_valid(from_bytes(result("ball").brep))
+
+
+def test_whatever_the_kernel_raises_in_a_repair_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise Standard_ConstructionError("gp_Dir2d() - input vector has zero norm")
+
+    monkeypatch.setattr("sed2cad.brep.fix._fixed", fail)
+    assert not issubclass(Standard_ConstructionError, Standard_Failure)  # although it is in OCC itself
+    given = part("box")
+    gate = assemble(Attempt(given.topology, given.fitted, given.frame, given.points)).gate
+    assert gate.passed  # a box needs no repair

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from sed2cad.geometry.contact import Side
+from sed2cad.geometry.edges import edge_geometry
 from sed2cad.geometry.meeting import meeting
 from sed2cad.geometry.realise import realise
 from sed2cad.geometry.web import Web
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
+from sed2cad.topology.model import Chain
 from tests.geometry import parts
 
 X, Y, Z = np.eye(3)
@@ -79,3 +81,11 @@ def test_crossing_touching_resting() -> None:
     assert meeting(cylinder, cylinder, _chain(0.3)) == "resting"
     draft = Side(Plane(np.array([np.sin(0.1), 0.0, np.cos(0.1)]), 0.1), 1)
     assert meeting(Side(Plane(Z, 0.1), 1), draft, np.outer(np.linspace(0, 0.3, 20), Y) + 0.1 * Z) == "crossing"
+
+
+def test_a_closed_edge_is_no_line() -> None:
+    a, b = Side(Plane(Z, 0.0), 1), Side(Plane(X, 0.0), 1)
+    ring = parts.circle((0, 0, 0), Z, 0.01)(np.linspace(0, 2 * np.pi, 40, endpoint=False))
+    edge = edge_geometry(Chain(ring, 0, 1, -1, -1), a, b, "crossing", np.zeros((0, 3)))
+    assert edge.arc.curve.kind != "line"
+    assert np.allclose(*edge.arc.ends(), atol=1e-9)
