@@ -78,7 +78,7 @@ RAW_LADDER = (
 
 
 def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done: Done) -> Assembly:
-    """The first rung of the ladder that passes the gate; at its end the faceted proxy.
+    """The first rung of the ladder that passes the gate; at its end one with faces that cannot be drawn, or facets.
 
     What comes back may be open or invalid where even that fails (its gate says so). AssemblyError when nothing at
     all could be built.
@@ -111,6 +111,9 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
     mended = _mended(scan, trials, seconds, failures, done)
     if mended is not None:
         return mended
+    almost = [trial for trial in trials if isinstance(trial.outcome, AssemblyResult) and trial.outcome.gate.undrawn]
+    if almost:
+        return _undrawn(almost, failures)
     return _facets(scan, next(iter(tracer.proxies.values())), fitted, settings, failures, done)
 
 
@@ -147,6 +150,7 @@ class Tracer:
 class Trial:
     """One rung tried."""
 
+    name: str  # of the rung
     attempt: Attempt
     traced: Traced
     outcome: AssemblyResult | Failure
@@ -174,7 +178,7 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Tria
     options = Options(limits=_limits(scan, settings))
     attempt = Attempt(topology, tuple(patches), scan.frame, scan.points, options, surface)
     outcome = run_isolated(exact_solid, attempt, settings.attempt_seconds)
-    return Trial(attempt, traced, outcome, tuple(constraints))
+    return Trial(rung.name, attempt, traced, outcome, tuple(constraints))
 
 
 def _mended(
@@ -197,6 +201,17 @@ def _mended(
             return _assembly(mended.attempt, mended.result, MENDED, failures, trial.constraints)
         failures.append(f"{MENDED}: {reason}")
     return None
+
+
+def _undrawn(trials: Sequence[Trial], failures: Sequence[str]) -> Assembly:
+    """The solid that is right but for the fewest faces that CAD programs may fail to draw."""
+
+    def hidden(trial: Trial) -> int:
+        return trial.outcome.gate.undrawn if isinstance(trial.outcome, AssemblyResult) else 0
+
+    best = min(trials, key=hidden)
+    assert isinstance(best.outcome, AssemblyResult)
+    return _assembly(best.attempt, best.outcome, best.name, failures, best.constraints)
 
 
 def _assembly(

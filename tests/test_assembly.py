@@ -10,7 +10,7 @@ import pytest
 
 import sed2cad
 from sed2cad import assembly
-from sed2cad.brep.attempt import assemble_faceted
+from sed2cad.brep.attempt import assemble, assemble_faceted
 from sed2cad.brep.worker import Failure
 from sed2cad.errors import AssemblyError
 from sed2cad.scan.raw import RawScan
@@ -81,3 +81,19 @@ def test_no_new_attempt_after_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     model = sed2cad.reconstruct(box_scan(), sed2cad.Settings(exact_seconds=1e-9))
     assert "not tried" in model.report.reason
     assert model.report.rung == "facets"
+
+
+def test_a_solid_with_a_face_that_cannot_be_drawn_is_better_than_facets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is said, and of several the one with the fewest such faces is taken."""
+    hidden = iter([2, 1, 3, 3, 3])
+
+    def run(job: Job, payload: Any, timeout: float) -> Any:
+        if job is not assemble:
+            return Failure("crash", "the CAD kernel crashed")
+        made = job(payload)
+        return replace(made, gate=replace(made.gate, passed=False, reason="it cannot be drawn", undrawn=next(hidden)))
+
+    monkeypatch.setattr(assembly, "run_isolated", run)
+    report = sed2cad.reconstruct(box_scan()).report
+    assert report.rung == assembly.UNREGULARISED and report.exact_faces == 6
+    assert any("did not pass all checks: it cannot be drawn" in warning for warning in report.warnings)

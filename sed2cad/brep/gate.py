@@ -61,6 +61,7 @@ class GateResult:
     stray: float  # largest distance of the solid from the scan and its proxy
     max_tolerance: float
     step_valid: bool  # still valid after writing and reading the STEP file
+    undrawn: int = 0  # faces that cannot be drawn; looked for when all else is well
 
 
 @dataclass(frozen=True)
@@ -95,13 +96,14 @@ def check(
         stray = measured.stray(expected.surface) if len(expected.surface) else math.nan
     found = GateResult(False, "", count, closed, valid, size, ratio, near, *spread, stray, tolerance, False)
     reason = _first_fault(found, expected, limits)
-    hidden = () if reason else undrawn(shape, expected.diagonal)
-    if hidden:
-        reason = f"{len(hidden)} of its faces cannot be drawn, their edges cross"
-    survives = not reason and _survives_step(shape)
-    if not reason and not survives:
+    back = None if reason else _through_step(shape)
+    hidden = () if back is None else undrawn(back, expected.diagonal)
+    if not reason and back is None:
         reason = "it is no longer valid after writing and reading the STEP file"
-    return Checked(replace(found, passed=not reason, reason=reason, step_valid=survives), measured, hidden)
+    elif hidden:
+        reason = f"{len(hidden)} of its faces cannot be drawn, their edges cross"
+    found = replace(found, passed=not reason, reason=reason, step_valid=back is not None, undrawn=len(hidden))
+    return Checked(found, measured, hidden)
 
 
 def _first_fault(found: GateResult, expected: Expected, limits: Limits) -> str:
@@ -124,16 +126,16 @@ def _first_fault(found: GateResult, expected: Expected, limits: Limits) -> str:
     return ""
 
 
-def _survives_step(shape: TopoDS_Shape) -> bool:
-    """Whether the STEP file of a shape reads back as the same closed valid solids."""
+def _through_step(shape: TopoDS_Shape) -> TopoDS_Shape | None:
+    """The shape as its STEP file reads back, face for face; None where that is no longer the same valid solid."""
     with tempfile.TemporaryDirectory(prefix="sed2cad-") as folder:
         path = Path(folder) / "check.step"
         try:
             write_step(shape, path)
             back = read_step(path)
         except AssemblyError:
-            return False
+            return None
     same = len(solids(back)) == len(solids(shape)) and len(faces(back)) == len(faces(shape))
     if not (same and is_closed(back) and is_valid(back)):
-        return False
-    return math.isclose(volume(back), volume(shape), rel_tol=_ROUND_TRIP)
+        return None
+    return back if math.isclose(volume(back), volume(shape), rel_tol=_ROUND_TRIP) else None

@@ -35,7 +35,7 @@ def remedied(scan: Scan, traced: Traced, fitted: Sequence[FittedPatch], blamed: 
     labels = names[traced.labels]
     patches = list(fitted)
     before = labels.copy()
-    for region in blamed:
+    for region in (r for r in blamed if r < len(names)):  # walls that were put in have no triangles
         best = _better(mesh, near, traced, labels, patches, region)
         if best >= 0:
             labels[traced.labels == region] = best

@@ -19,12 +19,13 @@ from sed2cad.primitives.vectors import unit
 from sed2cad.scan.scan import Array, Scan
 from sed2cad.topology.model import Chain, Region, Topology
 
-_LEVEL = 0.9  # cosine between the normals of the two faces, at least; opposite ones are those of a sheet
+_LEVEL = 0.97  # cosine between the normals of the two faces, at least; opposite ones are those of a sheet
 _STEP = 0.35  # spacings: lower steps are left to the tolerances
 _UPRIGHT = 0.85  # cosine between the normals of a wall and of the surface that is to hold it, at least
 _ALONG = 0.25  # of the height: a surface so near to the border runs along it
 _NEAR = 3.0  # spacings between the border and a point of such a patch
 _LOOSE = 0.8  # spacings: rms of the border from the wall that stands on it
+_LONG = 2.0  # heights: a shorter border with no such patch is a flaw of the mesh, where a corner is
 _ROWS = 5  # of points on a wall
 
 
@@ -40,6 +41,10 @@ class Step:
     @property
     def height(self) -> float:
         return float(np.median(np.linalg.norm(self.head - self.foot, axis=1)))
+
+    @property
+    def length(self) -> float:
+        return float(np.linalg.norm(np.diff(self.foot, axis=0), axis=1).sum())
 
     def rows(self) -> tuple[Array, Array]:
         """Points (m, 3) spread over the wall and their normals."""
@@ -131,6 +136,8 @@ def _running_along(scan: Scan, step: Step, patches: Sequence[FittedPatch]) -> in
 
 def _standing_on(scan: Scan, step: Step, patches: Sequence[FittedPatch]) -> FittedPatch | None:
     """A plane or cylinder through the border, across the faces: like a plane that is there, if that will do."""
+    if step.length < _LONG * step.height:
+        return None
     points, normals = step.rows()
     limit = _LOOSE * scan.spacing
     round_ = robust_fit("cylinder", points, normals, limit)
@@ -260,9 +267,8 @@ class _Edit:
     def topology(self) -> Topology:
         """The result."""
         points, _ = self._step.rows()
-        length = float(np.linalg.norm(np.diff(self._step.foot, axis=0), axis=1).sum())
         body = self._old.regions[self._old.chains[self._step.chain].left].body
-        wall = Region(self._primitive, (), points, length * self._step.height, body)
+        wall = Region(self._primitive, (), points, self._step.length * self._step.height, body)
         regions = tuple(
             replace(region, loops=tuple(tuple(loop) for loop in loops))
             for region, loops in zip((*self._old.regions, wall), self.loops)
