@@ -59,6 +59,19 @@ def run_isolated(job: Callable[[P], R], payload: P, timeout: float) -> R | Failu
     return result
 
 
+def run_alone(job: Callable[[P], R], payload: P, timeout: float) -> R | Failure:
+    """job(payload) as in `run_isolated`, but in a process that does nothing else: its memory is the job's alone.
+
+    The job may do more than ask the kernel, and may run further ones in workers of its own.
+    """
+    worker = _Worker(alone=True)
+    try:
+        result: R | Failure = worker.ask((job, payload, timeout), timeout)
+        return result
+    finally:
+        worker.stop()
+
+
 def warm_up() -> None:
     """Start a worker now, so that it has imported the kernel by the time it is needed. Returns at once."""
     if not _idle:
@@ -66,20 +79,21 @@ def warm_up() -> None:
 
 
 class _Worker:
-    """One child process."""
+    """One child process. One that is for a single job ends on Ctrl-C, also where a thread waits for it."""
 
-    def __init__(self) -> None:
+    def __init__(self, alone: bool = False) -> None:
         code = f"import sys; sys.path[:] = {sys.path!r}; from sed2cad.brep.worker import serve; serve()"
         threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
         self._owner = os.getpid()
         self._ready = False
+        self._name = "the process" if alone else "the CAD kernel"
         self._process = subprocess.Popen(
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env={**os.environ, **threads},
-            start_new_session=True,
+            start_new_session=not alone,
         )
 
     @property
@@ -132,7 +146,7 @@ class _Worker:
         try:
             answer = answers.get(timeout=timeout)
         except queue.Empty:
-            return Failure("timeout", f"the CAD kernel did not finish within {timeout:g} s")
+            return Failure("timeout", f"{self._name} did not finish within {timeout:g} s")
         return self._crash() if answer is None else answer
 
     def _crash(self) -> Failure:
@@ -143,7 +157,7 @@ class _Worker:
         how = f"exit code {code}"
         if code is not None and code < 0:
             how = signal.Signals(-code).name
-        return Failure("crash", f"the CAD kernel crashed ({how})")
+        return Failure("crash", f"{self._name} crashed ({how})")
 
 
 _idle: list[_Worker] = []

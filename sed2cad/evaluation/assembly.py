@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sed2cad.brep.worker import Failure
+from sed2cad.brep.worker import Failure, run_alone
 from sed2cad.errors import UsageError
-from sed2cad.evaluation.isolated import in_child
 from sed2cad.evaluation.made_scans import CLEAN, KINDS, MadeScan, make_scan, patches_of
 from sed2cad.evaluation.scores import NAN, peak_memory
 from sed2cad.evaluation.solid_scores import ScoreJob, SolidScore, score_solid
@@ -112,12 +111,12 @@ def _name(file: Path, folder: Path) -> str:
 
 def score_part(file: Path, name: str, settings: AssemblySettings) -> PartRow:
     """Scan, reconstruct and score, one process after another."""
-    made = in_child(_make, (file, settings.kind), OTHER_SECONDS)
+    made = run_alone(_make, (file, settings.kind), OTHER_SECONDS)
     if isinstance(made, Failure):
         return PartRow(name, "no scan of the true part", made.sentence)
     with tempfile.TemporaryDirectory(prefix="sed2cad-") as folder:
         step = Path(folder) / "part.step"
-        found = in_child(reconstruct_part, Job(made, settings.labels, step), settings.timeout)
+        found = run_alone(reconstruct_part, Job(made, settings.labels, step), settings.timeout)
         if isinstance(found, Failure):
             failure = {"crash": "crashed", "timeout": "timeout", "error": "ended with an error"}[found.kind]
             return PartRow(name, failure, found.sentence, settings.timeout if found.kind == "timeout" else NAN)
@@ -130,9 +129,9 @@ def score_part(file: Path, name: str, settings: AssemblySettings) -> PartRow:
 
 def scored(written: Path, truth: Path) -> SolidScore | Failure:
     """The score; without merging faces where the kernel does not survive that."""
-    score = in_child(score_solid, ScoreJob(written, truth), OTHER_SECONDS)
+    score = run_alone(score_solid, ScoreJob(written, truth), OTHER_SECONDS)
     if isinstance(score, Failure) and score.kind != "error":
-        return in_child(score_solid, ScoreJob(written, truth, merge=False), OTHER_SECONDS)
+        return run_alone(score_solid, ScoreJob(written, truth, merge=False), OTHER_SECONDS)
     return score
 
 

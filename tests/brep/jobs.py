@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
+from pathlib import Path
+
+from sed2cad.brep.worker import run_isolated
 
 
 def double(number: int) -> int:
@@ -30,3 +34,21 @@ def shout(text: str) -> str:
 
 def complain(sentence: str) -> None:
     raise ValueError(sentence)
+
+
+def beat(path: Path) -> int:
+    """Let a file grow for as long as this process lives."""
+
+    def grow() -> None:
+        while True:
+            with path.open("a") as file:
+                file.write(".")
+            time.sleep(0.05)
+
+    threading.Thread(target=grow, daemon=True).start()
+    return os.getpid()
+
+
+def beat_below(path: Path) -> tuple[int, object]:
+    """The same in a worker of this worker."""
+    return os.getpid(), run_isolated(beat, path, 30.0)

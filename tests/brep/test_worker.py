@@ -5,12 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from sed2cad.brep import worker
 from sed2cad.brep.attempt import Attempt, assemble
-from sed2cad.brep.worker import Failure, run_isolated, warm_up
+from sed2cad.brep.worker import Failure, run_alone, run_isolated, warm_up
 from tests.brep import jobs
 from tests.geometry import parts
 
@@ -62,6 +63,23 @@ def test_a_script_without_a_guard_can_use_it() -> None:
     code = "\n".join(lines)
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (ran.stdout, ran.stderr) == ("8\n", "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_a_process_for_one_job() -> None:
+    assert run_alone(jobs.process_id, None, 30.0) != run_alone(jobs.process_id, None, 30.0)
+    assert run_alone(jobs.crash, None, 30.0) == Failure("crash", "the process crashed (SIGSEGV)")
+    assert run_alone(jobs.hang, 60.0, 0.5) == Failure("timeout", "the process did not finish within 0.5 s")
+
+
+def test_a_worker_of_a_worker_ends_with_it(tmp_path: Path) -> None:
+    above, below = run_alone(jobs.beat_below, tmp_path / "beats", 30.0)
+    assert above != below
+    end, sizes = time.monotonic() + 20, [0, 1]
+    while sizes[-1] != sizes[-2] and time.monotonic() < end:
+        time.sleep(1)
+        sizes.append((tmp_path / "beats").stat().st_size)
+    assert sizes[-1] == sizes[-2] > 0
 
 
 def test_a_solid_from_the_worker() -> None:

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sed2cad.brep.worker import Failure
+from sed2cad.brep.worker import Failure, run_alone
 from sed2cad.cli import app
 from sed2cad.errors import UsageError
 from sed2cad.evaluation import assembly, solid_scores
 from sed2cad.evaluation.assembly import AssemblySettings, PartRow, cad_files, score_part
 from sed2cad.evaluation.assembly_tables import assembly_text
-from sed2cad.evaluation.isolated import in_child
 from sed2cad.evaluation.made_scans import KINDS, MadeScan, make_scan, patches_of
 from sed2cad.evaluation.solid_scores import ScoreJob, SolidScore, score_solid
 from sed2cad.scan.prepare import prepare
@@ -157,23 +156,16 @@ def smaller(made: MadeScan) -> MadeScan:
     return replace(made, raw=replace(made.raw, points=points), cloud=cloud)
 
 
-def test_a_result_and_failures_of_a_child() -> None:
-    assert in_child(jobs.double, 21, 30.0) == 42
-    assert in_child(jobs.crash, None, 30.0) == Failure("crash", "the process ended with -11")
-    assert in_child(jobs.hang, 60.0, 0.5) == Failure("timeout", "took longer than 0.5 s")
-    assert in_child(jobs.complain, "no such face", 30.0) == Failure("error", "ValueError: no such face")
-
-
 def here(job: Callable[[Any], Any], payload: Any, seconds: float) -> Any:
-    """in_child without a child."""
+    """run_alone without a process."""
     return job(payload)
 
 
 def test_a_crash_is_a_row(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def instead(job: Callable[[Any], Any], payload: Any, seconds: float) -> Any:
-        return in_child(jobs.crash, None, seconds) if job is assembly.reconstruct_part else job(payload)
+        return run_alone(jobs.crash, None, seconds) if job is assembly.reconstruct_part else job(payload)
 
-    monkeypatch.setattr(assembly, "in_child", instead)
+    monkeypatch.setattr(assembly, "run_alone", instead)
     row = score_part(folder / "holed.brep", "holed", AssemblySettings("true"))
     assert (row.part, row.failure, row.causes) == ("holed", "crashed", ("crashed",))
     assert not (row.closed or row.solved or row.exact)
@@ -184,12 +176,12 @@ def test_a_crash_while_faces_are_merged_is_not_ours(folder: Path, monkeypatch: p
     def instead(job: Callable[[Any], Any], payload: Any, seconds: float) -> Any:
         return Failure("crash", "") if payload.merge else EXACT
 
-    monkeypatch.setattr(assembly, "in_child", instead)
+    monkeypatch.setattr(assembly, "run_alone", instead)
     assert assembly.scored(folder, folder) == EXACT
 
 
 def test_true_labels_give_an_exact_part(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(assembly, "in_child", here)
+    monkeypatch.setattr(assembly, "run_alone", here)
     words = ("assembly", folder, "--labels", "true", "--json", tmp_path / "rows.json")
     result = CliRunner().invoke(app, ["evaluate", *map(str, words)])
     assert result.exit_code == 0, result.stderr
