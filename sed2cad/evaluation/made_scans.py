@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from gpytoolbox import squared_distance
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sed2cad.evaluation.relations import true_patches
@@ -18,8 +17,8 @@ from sed2cad.scan.raw import RawScan
 from sed2cad.scan.read import read_scan
 from sed2cad.scan.scan import Array, Scan
 from sed2cad.training.augment import MAX_TURN, turn
-from sed2cad.training.cad import label_part
-from sed2cad.training.cad_mesh import Frame, faces_of, mesh_of, read_shape
+from sed2cad.training.cad import part_and_frame
+from sed2cad.training.cad_mesh import Frame, read_shape
 from sed2cad.training.labelled_part import LabelledCloud, LabelledPart
 
 CLEAN, NOISY, DENSE, MESH = KINDS = ("clean", "noisy", "dense", "mesh")
@@ -50,7 +49,7 @@ def make_scan(path: Path, kind: str, seed: int = 0) -> MadeScan:
     clean: points exactly on the faces, with normals. noisy: uniform noise along the normal, normals turned by up to
     MAX_TURN degrees. dense: no normals, Gaussian noise, outliers. mesh: triangles.
     """
-    part, frame = label_part(path), _frame(path)
+    part, frame = part_and_frame(path)
     if kind == MESH:
         return MadeScan(_triangulated(path, part, frame), part, frame, None)
     rng = np.random.default_rng(seed)
@@ -112,11 +111,3 @@ def _triangulated(path: Path, part: LabelledPart, frame: Frame) -> RawScan:
 def _radius(part: LabelledPart) -> float:
     """R in the unit frame, whose origin is the centre of the box."""
     return float(np.linalg.norm(part.nodes, axis=1).max())
-
-
-def _frame(path: Path) -> Frame:
-    """The unit frame that `label_part` uses."""
-    shape = read_shape(path)
-    nodes: NDArray[np.float64] = mesh_of(shape, faces_of(shape)).nodes
-    low, high = nodes.min(0), nodes.max(0)
-    return Frame((low + high) / 2, float((high - low).max()))

@@ -24,6 +24,11 @@ PROBES = 150
 
 def label_part(path: Path) -> LabelledPart:
     """Everything that training needs of a CAD file. Raises OSError or ValueError for an unusable file."""
+    return part_and_frame(path)[0]
+
+
+def part_and_frame(path: Path) -> tuple[LabelledPart, Frame]:
+    """The same, and where the unit frame lies in the file's."""
     shape = read_shape(path)
     faces = faces_of(shape)
     mesh = mesh_of(shape, faces)
@@ -39,7 +44,7 @@ def label_part(path: Path) -> LabelledPart:
     lines = [frame.apply(_points_on(edge, frame.size)) for edge in edges]
     starts = np.cumsum([0, *(len(line) for line in lines)])
     small = np.uint16 if len(nodes) < 65_536 else np.uint32
-    return LabelledPart(
+    part = LabelledPart(
         nodes.astype(np.float32),
         np.rint(normals / NORMAL_UNIT).astype(np.int16),
         mesh.triangles.astype(small),
@@ -55,6 +60,7 @@ def label_part(path: Path) -> LabelledPart:
         np.rint(np.vstack([np.empty((0, 3)), *lines]) / EDGE_UNIT).astype(np.int16),
         starts[:-1].astype(np.uint16 if starts[-1] < 65_536 else np.uint32),
     )
+    return part, frame
 
 
 def _surfaces(
