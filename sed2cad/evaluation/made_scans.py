@@ -84,15 +84,7 @@ def _labelled(made: MadeScan, points: Array, normals: Array) -> LabelledCloud:
     part = made.part
     nodes, triangles = part.nodes.astype(np.float64), part.triangles.astype(np.int64)
     face = part.face[squared_distance(points, nodes, F=triangles, use_cpp=True, use_aabb=True)[1]]
-    return LabelledCloud(
-        points.astype(np.float32),
-        normals.astype(np.float32),
-        normals.astype(np.float16),
-        part.patch[face],
-        part.type[face],
-        part.edge_distance(points).astype(np.float16),
-        part.closed[face],
-    )
+    return part.cloud(points, normals, normals, face)
 
 
 def _triangulated(path: Path, part: LabelledPart, frame: Frame) -> RawScan:

@@ -96,12 +96,18 @@ class LabelledPart:
         facet = normals[pick]
         lost = np.einsum("ij,ij->i", exact, exact) < 0.25  # on an axis or at a pole
         exact[lost] = facet[lost]
-        distance = np.full(count, FAR_FROM_EDGES)
+        return self.cloud(points, exact, facet, face, labelled)
+
+    def cloud(
+        self, points: NDArray, normals: NDArray, facet_normals: NDArray, face: NDArray, labelled: int | None = None
+    ) -> LabelledCloud:
+        """Points with normals, (n, 3) each, on faces (n,); only the first `labelled` get their distance to edges."""
+        distance = np.full(len(points), FAR_FROM_EDGES)
         distance[:labelled] = self.edge_distance(points[:labelled])
         return LabelledCloud(
             points.astype(np.float32),
-            exact.astype(np.float32),
-            facet.astype(np.float16),
+            normals.astype(np.float32),
+            facet_normals.astype(np.float16),
             self.patch[face],
             self.type[face],
             distance.astype(np.float16),
