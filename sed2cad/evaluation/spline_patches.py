@@ -18,7 +18,7 @@ from sed2cad.network.types import BSPLINE
 from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.net_surface import NetSurface
-from sed2cad.training.cad_mesh import evaluate, faces_of, mesh_of, read_shape
+from sed2cad.training.cad_mesh import Frame, evaluate, faces_of, mesh_of, read_shape
 from sed2cad.training.dataset import load_part, parts_in
 from sed2cad.training.labelled_part import LabelledPart
 
@@ -112,16 +112,14 @@ class _Exact:
 
     faces: Sequence[object]
     uv: Array  # (n, 2) of the nodes
-    centre: Array  # (3,)
-    scale: float
+    frame: Frame
 
     @classmethod
     def of(cls, file: Path) -> _Exact:
         shape = read_shape(file)
         faces = faces_of(shape)
         mesh = mesh_of(shape, faces)
-        low, high = mesh.nodes.min(0), mesh.nodes.max(0)
-        return cls(faces, mesh.uv, (low + high) / 2, float((high - low).max()))
+        return cls(faces, mesh.uv, mesh.frame)
 
     def sample(
         self, part: LabelledPart, triangles: NDArray[np.int64], count: int, rng: np.random.Generator
@@ -137,8 +135,7 @@ class _Exact:
             points[mine], normals[mine] = evaluate(self.faces[face], uv[mine])
             normals[mine] *= _way(normals[mine], part, pick[mine])
         good = np.einsum("ij,ij->i", normals, normals) > 0.25  # not at a pole
-        points, normals = (points - self.centre) / self.scale, np.where(good[:, None], normals, normals[good][:1])
-        return points, normals
+        return self.frame.apply(points), np.where(good[:, None], normals, normals[good][:1])
 
 
 def _way(normals: Array, part: LabelledPart, triangles: NDArray[np.int64]) -> float:

@@ -32,8 +32,7 @@ def part_and_frame(path: Path) -> tuple[LabelledPart, Frame]:
     shape = read_shape(path)
     faces = faces_of(shape)
     mesh = mesh_of(shape, faces)
-    low, high = mesh.nodes.min(0), mesh.nodes.max(0)
-    frame = Frame((low + high) / 2, float((high - low).max()))
+    frame = mesh.frame
     nodes = frame.apply(mesh.nodes)
     surfaces, normals, disguised = _surfaces(faces, mesh, nodes, frame)
     patch_of_face, edges = _patches_and_edges(shape, faces, surfaces)

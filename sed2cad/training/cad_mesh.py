@@ -23,6 +23,12 @@ class Mesh:
     face: NDArray  # (m,) index of the face
     node_face: NDArray  # (n,)
 
+    @property
+    def frame(self) -> Frame:
+        """The unit frame: the bounding box centred, its longest side 1."""
+        low, high = self.nodes.min(0), self.nodes.max(0)
+        return Frame((low + high) / 2, float((high - low).max()))
+
 
 @dataclass(frozen=True)
 class Frame:
