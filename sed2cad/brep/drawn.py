@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.BRepGProp import BRepGProp
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
-from OCP.GProp import GProp_GProps
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
-from sed2cad.brep.kernel import faces
+from sed2cad.brep.kernel import area, faces
 
 _DEFLECTION = 1e-4  # of the diagonal: as fine as a CAD program draws, where crossings of 1e-4 count
 _ANGLE = 0.2  # radians between neighbouring triangles
@@ -28,8 +26,8 @@ def undrawn(shape: TopoDS_Shape, diagonal: float) -> tuple[int, ...]:
     BRepTools.Clean_s(shape)
     BRepMesh_IncrementalMesh(shape, _DEFLECTION * diagonal, False, _ANGLE, False)
     own = faces(shape)
-    real = np.array([_area(face, triangles=False) for face in own])
-    drawn = np.array([_area(face, triangles=True) if _has_triangles(face) else 0.0 for face in own])
+    real = np.array([area(face) for face in own])
+    drawn = np.array([area(face, triangles=True) if _has_triangles(face) else 0.0 for face in own])
     BRepTools.Clean_s(shape)
     off = np.abs(drawn - real) > _OFF * real + _SPECK * diagonal**2
     return tuple(int(number) for number in np.flatnonzero(off))
@@ -37,10 +35,3 @@ def undrawn(shape: TopoDS_Shape, diagonal: float) -> tuple[int, ...]:
 
 def _has_triangles(face: TopoDS_Face) -> bool:
     return BRep_Tool.Triangulation_s(face, TopLoc_Location()) is not None
-
-
-def _area(face: TopoDS_Face, triangles: bool) -> float:
-    """Area of a face or of its triangles; without any the kernel takes the face's own."""
-    properties = GProp_GProps()
-    BRepGProp.SurfaceProperties_s(face, properties, False, triangles)
-    return abs(properties.Mass())

@@ -103,6 +103,13 @@ def volume(shape: TopoDS_Shape) -> float:
     return float(properties.Mass())
 
 
+def area(shape: TopoDS_Shape, triangles: bool = False) -> float:
+    """The area, or that of the triangles that a shape has; of a face without any the kernel takes the face's own."""
+    properties = GProp_GProps()
+    BRepGProp.SurfaceProperties_s(shape, properties, False, triangles)
+    return abs(float(properties.Mass()))
+
+
 def largest_tolerance(shape: TopoDS_Shape) -> float:
     """The largest tolerance of an edge or vertex."""
     values = [BRep_Tool.Tolerance_s(e) for e in edges(shape)] + [BRep_Tool.Tolerance_s(v) for v in vertices(shape)]

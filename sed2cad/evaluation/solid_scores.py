@@ -18,15 +18,13 @@ from gpytoolbox import squared_distance
 from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
-from OCP.BRepGProp import BRepGProp
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
-from OCP.GProp import GProp_GProps
 from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
-from sed2cad.brep.kernel import faces, is_closed, is_valid, solids, volume
+from sed2cad.brep.kernel import area, faces, is_closed, is_valid, solids, volume
 from sed2cad.primitives.base import Array
 from sed2cad.training.cad_mesh import Mesh, array, evaluate, read_shape
 from sed2cad.training.labelled_part import facets
@@ -134,9 +132,9 @@ def _measured(shape: TopoDS_Shape, radius: float, merge: bool) -> Measured:
     """A shape; the true R in its unit."""
     closed = bool(solids(shape)) and is_closed(shape) and is_valid(shape) and volume(shape) > 0
     mesh = _tessellated(shape, DEFLECTION * radius)
-    area = _areas(_unified(shape) if merge else shape)
-    analytic = sum(size for name, size in area if name in ANALYTIC) / max(sum(size for _, size in area), 1e-12)
-    types = dict(Counter(name for name, _ in area))
+    areas = _areas(_unified(shape) if merge else shape)
+    analytic = sum(size for name, size in areas if name in ANALYTIC) / max(sum(size for _, size in areas), 1e-12)
+    types = dict(Counter(name for name, _ in areas))
     return Measured(len(solids(shape)), closed, volume(shape), types, analytic, _spread(shape, mesh), mesh)
 
 
@@ -173,8 +171,8 @@ def _unknown(truth: Measured, merged: bool, error: str) -> SolidScore:
 def _spread(shape: TopoDS_Shape, mesh: Mesh) -> Array:
     """Points (SAMPLES, 3) evenly over the faces of a tessellated shape and exactly on them, always the same ones."""
     rng = np.random.default_rng(0)
-    area = facets(mesh.nodes, mesh.triangles)[1]
-    pick = rng.choice(len(area), SAMPLES, p=area / area.sum())
+    sizes = facets(mesh.nodes, mesh.triangles)[1]
+    pick = rng.choice(len(sizes), SAMPLES, p=sizes / sizes.sum())
     weight = rng.dirichlet(np.ones(3), SAMPLES)
     uv = np.einsum("ij,ijk->ik", weight, mesh.uv[mesh.triangles[pick]])
     owner, points = mesh.face[pick], np.empty((SAMPLES, 3))
@@ -224,9 +222,4 @@ def _unified(shape: TopoDS_Shape) -> TopoDS_Shape:
 
 def _areas(shape: TopoDS_Shape) -> list[tuple[str, float]]:
     """Type and area of each face."""
-    found = []
-    for face in faces(shape):
-        properties = GProp_GProps()
-        BRepGProp.SurfaceProperties_s(face, properties)
-        found.append((BRepAdaptor_Surface(face).GetType().name.removeprefix("GeomAbs_"), abs(properties.Mass())))
-    return found
+    return [(BRepAdaptor_Surface(face).GetType().name.removeprefix("GeomAbs_"), area(face)) for face in faces(shape)]

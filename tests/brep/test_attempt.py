@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from OCP.BRepAdaptor import BRepAdaptor_Surface
-from OCP.BRepGProp import BRepGProp
-from OCP.GProp import GProp_GProps
 from OCP.Standard import Standard_ConstructionError, Standard_Failure
 from OCP.TopoDS import TopoDS_Shape
 
 from sed2cad.brep.attempt import Attempt, Options, assemble
 from sed2cad.brep.gate import Limits
-from sed2cad.brep.kernel import faces, from_bytes, is_closed, is_valid, largest_tolerance, solids, volume
+from sed2cad.brep.kernel import area, faces, from_bytes, is_closed, is_valid, largest_tolerance, solids, volume
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.scan.scan import Frame
@@ -20,12 +18,6 @@ from tests.brep.made import part, result, shape
 from tests.geometry import parts
 
 NAMES = sorted(parts.EXACT)
-
-
-def area(shape: TopoDS_Shape) -> float:
-    properties = GProp_GProps()
-    BRepGProp.SurfaceProperties_s(shape, properties)
-    return float(properties.Mass())
 
 
 def kinds(shape: TopoDS_Shape) -> list[str]:
