@@ -15,18 +15,13 @@ from pathlib import Path
 
 import numpy as np
 from gpytoolbox import squared_distance
-from numpy.typing import NDArray
-from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
-from OCP.BRepMesh import BRepMesh_IncrementalMesh
-from OCP.BRepTools import BRepTools
 from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
-from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
+from OCP.TopoDS import TopoDS_Shape
 
 from sed2cad.brep.kernel import area, faces, is_closed, is_valid, solids, volume
 from sed2cad.primitives.base import Array
-from sed2cad.training.cad_mesh import Mesh, array, evaluate, read_shape
+from sed2cad.training.cad_mesh import Mesh, evaluate, read_shape, tessellated
 from sed2cad.training.labelled_part import facets
 
 ANALYTIC = ("Plane", "Cylinder", "Cone", "Sphere", "Torus")
@@ -37,7 +32,7 @@ LESS_ANALYTIC = 0.1  # share of the area
 SAMPLES = 40_000  # points on each solid
 COARSE = 0.01  # cube root of the volume: deflection of the triangles that tell R
 DEFLECTION = 2e-4  # R: of the triangles that distances are measured to
-ANGLE = 0.2  # radians: largest turn of a face over one of them
+ANGLE = 0.2  # radians: largest turn of a face over one of them; allowed more, the kernel covers holes on a few faces
 NAN = float("nan")
 
 
@@ -124,14 +119,14 @@ def score_solid(job: ScoreJob) -> SolidScore:
 
 def _radius(shape: TopoDS_Shape) -> float:
     """Of the sphere about the centre of the box that holds the shape."""
-    nodes = _tessellated(shape, COARSE * abs(volume(shape)) ** (1 / 3)).nodes
+    nodes = tessellated(shape, faces(shape), COARSE * abs(volume(shape)) ** (1 / 3), ANGLE).nodes
     return float(np.linalg.norm(nodes - (nodes.min(0) + nodes.max(0)) / 2, axis=1).max())
 
 
 def _measured(shape: TopoDS_Shape, radius: float, merge: bool) -> Measured:
     """A shape; the true R in its unit."""
     closed = bool(solids(shape)) and is_closed(shape) and is_valid(shape) and volume(shape) > 0
-    mesh = _tessellated(shape, DEFLECTION * radius)
+    mesh = tessellated(shape, faces(shape), DEFLECTION * radius, ANGLE)
     areas = _areas(_unified(shape) if merge else shape)
     analytic = sum(size for name, size in areas if name in ANALYTIC) / max(sum(size for _, size in areas), 1e-12)
     types = dict(Counter(name for name, _ in areas))
@@ -180,34 +175,6 @@ def _spread(shape: TopoDS_Shape, mesh: Mesh) -> Array:
         own = np.flatnonzero(owner == number)
         points[own] = evaluate(face, uv[own])[0]
     return points
-
-
-def _tessellated(shape: TopoDS_Shape, deflection: float) -> Mesh:
-    """Triangles, however oriented. ValueError where the kernel makes none.
-
-    On a few faces that it calls valid, the kernel covers holes when it is allowed larger angles.
-    """
-    BRepTools.Clean_s(shape)  # a file may hold a mesh of its own
-    BRepMesh_IncrementalMesh(shape, deflection, False, ANGLE, True)
-    meshes = [_face_triangles(face) for face in faces(shape)]
-    nodes, uv, triangles = (np.vstack(arrays) for arrays in zip(*meshes))
-    counts = [len(own) for own, _, _ in meshes]
-    owner = np.repeat(np.arange(len(meshes)), [len(own) for _, _, own in meshes])
-    first = np.cumsum(counts) - counts
-    return Mesh(nodes, uv, triangles + first[owner, None], owner, np.repeat(np.arange(len(meshes)), counts))
-
-
-def _face_triangles(face: TopoDS_Face) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Nodes (n, 3), their parameters (n, 2) and triangles (t, 3) of a face; empty where there are none."""
-    location = TopLoc_Location()
-    mesh = BRep_Tool.Triangulation_s(face, location)
-    if mesh is None:
-        return np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3), np.int64)
-    move, numbers = location.Transformation(), range(1, mesh.NbNodes() + 1)
-    nodes = np.array([array(mesh.Node(k).Transformed(move)) for k in numbers])
-    uv = np.array([mesh.UVNode(k).Coord() for k in numbers])
-    corners = np.array([mesh.Triangle(k).Get() for k in range(1, mesh.NbTriangles() + 1)], np.int64)
-    return nodes, uv, corners.reshape(-1, 3) - 1
 
 
 def _unified(shape: TopoDS_Shape) -> TopoDS_Shape:

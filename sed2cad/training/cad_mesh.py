@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ MESH_ANGLE = 0.4
 class Mesh:
     nodes: NDArray  # (n, 3)
     uv: NDArray  # (n, 2) surface parameters on the node's face
-    triangles: NDArray  # (m, 3) counterclockwise from outside
+    triangles: NDArray  # (m, 3)
     face: NDArray  # (m,) index of the face
     node_face: NDArray  # (n,)
 
@@ -77,18 +77,28 @@ def faces_of(shape: Any) -> list[Any]:
 def mesh_of(shape: Any, faces: list[Any]) -> Mesh:
     """Tessellate finely enough that triangle areas are surface areas; triangles turned outward."""
     from OCP.Bnd import Bnd_Box
-    from OCP.BRep import BRep_Tool
     from OCP.BRepBndLib import BRepBndLib
-    from OCP.BRepMesh import BRepMesh_IncrementalMesh
-    from OCP.BRepTools import BRepTools
     from OCP.TopAbs import TopAbs_REVERSED
-    from OCP.TopLoc import TopLoc_Location
 
     box = Bnd_Box()
     BRepBndLib.Add_s(shape, box)
     low, high = np.reshape(box.Get(), (2, 3))
+    mesh = tessellated(shape, faces, MESH_DEVIATION * float((high - low).max()), MESH_ANGLE)
+    mirrored = (face.Location().Transformation().IsNegative() for face in faces)
+    inward = np.array([(face.Orientation() == TopAbs_REVERSED) != flip for face, flip in zip(faces, mirrored)])
+    triangles = np.where(inward[mesh.face, None], mesh.triangles[:, ::-1], mesh.triangles)
+    return replace(mesh, triangles=triangles)
+
+
+def tessellated(shape: Any, faces: list[Any], deviation: float, angle: float) -> Mesh:
+    """Triangles so near to the faces and turning so little, radians; turned as the surfaces are."""
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh
+    from OCP.BRepTools import BRepTools
+    from OCP.TopLoc import TopLoc_Location
+
     BRepTools.Clean_s(shape)  # a file may hold a mesh of its own
-    BRepMesh_IncrementalMesh(shape, MESH_DEVIATION * float((high - low).max()), False, MESH_ANGLE, False)
+    BRepMesh_IncrementalMesh(shape, deviation, False, angle, False)
     nodes, uv, triangles, owner, node_owner, offset = [], [], [], [], [], 0
     for index, face in enumerate(faces):
         location = TopLoc_Location()
@@ -98,10 +108,8 @@ def mesh_of(shape: Any, faces: list[Any]) -> Mesh:
         move, n = location.Transformation(), mesh.NbNodes()
         nodes += [array(mesh.Node(k).Transformed(move)) for k in range(1, n + 1)]
         uv += [mesh.UVNode(k).Coord() for k in range(1, n + 1)]
-        corners = np.array([mesh.Triangle(k).Get() for k in range(1, mesh.NbTriangles() + 1)]) - 1 + offset
-        flip = (face.Orientation() == TopAbs_REVERSED) != move.IsNegative()
-        triangles.append(corners[:, ::-1] if flip else corners)
-        owner.append(np.full(len(corners), index))
+        triangles.append(np.array([mesh.Triangle(k).Get() for k in range(1, mesh.NbTriangles() + 1)]) - 1 + offset)
+        owner.append(np.full(len(triangles[-1]), index))
         node_owner.append(np.full(n, index))
         offset += n
     if not triangles:
