@@ -24,6 +24,7 @@ from sed2cad.primitives.robust_fit import FINEST, START_POINTS, explains, misfit
 from sed2cad.primitives.simplest import analytic_instead
 from sed2cad.primitives.swept_choice import Explained, swept_instead
 from sed2cad.primitives.tensor_patch import TensorPatch
+from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
 
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
@@ -240,7 +241,3 @@ def _robust_sigma(primitive: Primitive, points: Array, noise: float) -> float:
     residual = primitive.distance(points)
     weights = tukey_weights(residual, noise, primitive.freedom)
     return float(np.sqrt(weights @ residual**2 / max(float(weights.sum()) - primitive.freedom, 1.0)))
-
-
-def root_mean_square(residual: Array) -> float:
-    return float(np.sqrt(np.mean(residual**2)))

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.fitting import parameter_count, root_mean_square
+from sed2cad.fitting import parameter_count
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.robust_fit import FINEST
 from sed2cad.primitives.swept_choice import Explained, swept_instead
+from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.neighbours import nearest
 from sed2cad.scan.scan import Scan
 

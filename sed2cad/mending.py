@@ -17,6 +17,7 @@ from sed2cad.brep.worker import Failure
 from sed2cad.geometry.polygons import Cloud
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
 from sed2cad.topology.remedies import remedied
 from sed2cad.topology.trace import Traced
@@ -86,7 +87,7 @@ class Mending:
         if surface is None:
             return None
         off = np.abs(surface.distance(cloud.points))
-        rms = float(np.sqrt(np.mean(off**2)))
+        rms = root_mean_square(off)
         if rms > _CLOSE or off.max() > _FARTHEST:
             return None
         nothing = Patch(np.zeros(0, np.int64), "bspline", np.zeros(0, bool))

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from sed2cad.constraints import Constraint, list_constraints
-from sed2cad.fitting import angle_noise, root_mean_square, used_points
+from sed2cad.fitting import angle_noise, used_points
 from sed2cad.primitives.adopt import adopt_axes
 from sed2cad.primitives.base import Array, FittedPatch
 from sed2cad.primitives.patterns import Pattern, propose_patterns
@@ -33,6 +33,7 @@ from sed2cad.primitives.settle import settle
 from sed2cad.primitives.solve_relations import Relation, members_of
 from sed2cad.primitives.swept_align import align_swept
 from sed2cad.primitives.symmetry import propose_symmetries
+from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
 from sed2cad.topology.model import Topology
 

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from sed2cad.brep.kernel import Array, faces
 from sed2cad.geometry.triangles import point_triangle
 from sed2cad.primitives.base import Primitive
+from sed2cad.primitives.vectors import root_mean_square
 
 _ANGLE = 0.3  # radians between neighbouring triangles
 _BLUR = 3.0  # deflections between a face and its triangles: the kernel takes its limit loosely
@@ -54,7 +55,7 @@ class Deviations:
 
     @property
     def rms(self) -> float:
-        return float(np.sqrt(np.mean(self.distances**2)))
+        return root_mean_square(self.distances)
 
     @property
     def p95(self) -> float:

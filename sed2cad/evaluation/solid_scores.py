@@ -21,6 +21,7 @@ from OCP.TopoDS import TopoDS_Shape
 
 from sed2cad.brep.kernel import area, faces, is_closed, is_valid, solids, volume
 from sed2cad.primitives.base import Array
+from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.training.cad_mesh import Mesh, evaluate, read_shape, tessellated
 from sed2cad.training.labelled_part import facets
 
@@ -142,7 +143,7 @@ def _compared(found: Measured, truth: Measured, radius: float, merged: bool) -> 
         true_solids=truth.solids,
         volume_error=found.volume / truth.volume - 1,
         hausdorff=float(off.max()),
-        off_rms=float(np.sqrt(np.mean(off**2))),
+        off_rms=root_mean_square(off),
         faces=found.faces,
         true_faces=truth.faces,
         analytic=found.analytic,

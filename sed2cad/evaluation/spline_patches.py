@@ -18,6 +18,7 @@ from sed2cad.network.types import BSPLINE
 from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.net_surface import NetSurface
+from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.training.cad_mesh import Frame, evaluate, faces_of, mesh_of, read_shape
 from sed2cad.training.dataset import load_part, parts_in
 from sed2cad.training.labelled_part import LabelledPart
@@ -81,7 +82,7 @@ def score_patch(patch: TrueSpline, fitter: Fitter = fit) -> SplinePatchScores:
     seconds = time.perf_counter() - start
     gaps = np.abs(found[0].distance(patch.probes)) if found else np.array([np.inf])
     base, controls = (_shape(found[0]) if found else ("none", 0))
-    rms = float(np.sqrt(np.mean(gaps**2)))
+    rms = root_mean_square(gaps)
     largest, of_patch = float(gaps.max()), rms / patch.size
     return SplinePatchScores(patch.part, patch.patch, patch.size, base, controls, rms, largest, of_patch, seconds)
 

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.bspline import Base, BSplineSurface
 from sed2cad.primitives.tensor_patch import DEGREE, tensor_basis
-from sed2cad.primitives.vectors import tangent_frame, unit
+from sed2cad.primitives.vectors import root_mean_square, tangent_frame, unit
 
 _MARGIN = 0.06  # of the patch's extent, left around it so that edges with its neighbours lie inside
 _SMOOTHING = 1e-5  # weight of the second differences against the mean weight of a control height
@@ -160,7 +160,7 @@ def _solved(chart: _Chart, spans: tuple[int, int]) -> tuple[BSplineSurface, floa
     if chart.base == "cylinder":
         heights = np.vstack([heights, heights[:DEGREE]])
     surface = BSplineSurface(chart.base, chart.origin, chart.frame, knots_u, knots_v, heights)
-    return surface, float(np.sqrt(np.mean(residual**2)))
+    return surface, root_mean_square(residual)
 
 
 def _clamped(low: float, high: float, spans: int) -> Array:

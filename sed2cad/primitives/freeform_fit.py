@@ -12,6 +12,7 @@ from sed2cad.primitives.bspline_fit import belonging, fit_bspline
 from sed2cad.primitives.net_fit import NetFit, fit_net, stiffened
 from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.primitives.unroll import Unrolled, unrolled
+from sed2cad.primitives.vectors import root_mean_square
 
 Starts = Callable[[Array, Array], Iterable[Unrolled]]
 """Base parameters for points (n, 3) with unit normals (n, 3)."""
@@ -45,7 +46,7 @@ def fit_freeform(
     if _explains(over_base, points, noise):
         return over_base
     enough = max(_REACHED * noise, _ENOUGH)
-    least = _BETTER * _rms(over_base, points)
+    least = _BETTER * root_mean_square(over_base.distance(points))
     found = _best_net(_starts(points, normals, over_base), points, normals, noise, least, enough)
     if predicted and (least if found is None else found.rms) > _POOR * enough:
         limit = least if found is None else found.rms
@@ -96,7 +97,7 @@ def folded(fit: NetFit, points: Array, normals: Array) -> bool:
 def _starts(points: Array, normals: Array, over_base: BSplineSurface) -> Iterator[Unrolled]:
     """Base parameters worth trying, likely ones first."""
     yield from unrolled(points, normals)
-    if _rms(over_base, points) < _NEAR_BASE * float(np.ptp(points, axis=0).max()):
+    if root_mean_square(over_base.distance(points)) < _NEAR_BASE * float(np.ptp(points, axis=0).max()):
         yield _of_base(over_base, points)
 
 
@@ -117,10 +118,6 @@ def _of_base(surface: BSplineSurface, points: Array) -> Unrolled:
 def _explains(surface: BSplineSurface, points: Array, noise: float) -> bool:
     """Whether nothing is left to explain, or but for some points that may lie elsewhere."""
     distance = np.abs(surface.distance(points))
-    if np.sqrt(np.mean(distance**2)) <= max(_REACHED * noise, _ENOUGH):
+    if root_mean_square(distance) <= max(_REACHED * noise, _ENOUGH):
         return True
     return float(np.quantile(distance, _MOST)) <= _OF_MOST * noise
-
-
-def _rms(surface: BSplineSurface, points: Array) -> float:
-    return float(np.sqrt(np.mean(surface.distance(points) ** 2)))

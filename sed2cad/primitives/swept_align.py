@@ -15,7 +15,7 @@ from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.robust_fit import UNSEEN
 from sed2cad.primitives.torus import Torus
-from sed2cad.primitives.vectors import unit
+from sed2cad.primitives.vectors import root_mean_square, unit
 
 _ANGLES = np.radians([0.3, 2.0])  # three standard deviations of a direction, within these limits
 _SHIFTS = (5e-4, 5e-3)  # of the place of an axis, unit frame
@@ -105,13 +105,9 @@ def _followed(
         else:
             trials.append((replace(primitive, axis=way), Alignment("parallel", line.index, index, angle)))
     trials.sort(key=lambda trial: trial[1].kind != "coaxial")
-    before = _rms(primitive, points)
+    before = root_mean_square(primitive.distance(points))
     for surface, alignment in trials:
-        rms = _rms(surface, points)
+        rms = root_mean_square(surface.distance(points))
         if rms <= max(_WORSE * before, UNSEEN):
             return replace(patch, primitive=surface, rms=patch.rms * rms / max(before, 1e-300)), alignment
     return None
-
-
-def _rms(surface: Extrusion | Revolution, points: Array) -> float:
-    return float(np.sqrt(np.mean(surface.distance(points) ** 2)))

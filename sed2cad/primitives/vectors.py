@@ -1,4 +1,4 @@
-"""Directions, coordinates about an axis, and reading numbers back from a document."""
+"""Directions, coordinates about an axis, sizes of residuals, and reading numbers back from a document."""
 
 from __future__ import annotations
 
@@ -54,6 +54,10 @@ def about_axis(points: Array, origin: Array, axis: Array) -> tuple[Array, Array,
 def across_components(radial: Array, axis: Array) -> Array:
     """Components (n, 2) of vectors (n, 3) along the x and y of the axis' tangent frame."""
     return radial @ np.column_stack(tangent_frame(axis))
+
+
+def root_mean_square(residual: Array) -> float:
+    return float(np.sqrt(np.mean(residual**2)))
 
 
 def triple(vector: Array) -> tuple[float, float, float]:

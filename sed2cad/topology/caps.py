@@ -13,7 +13,7 @@ from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.torus import Torus
-from sed2cad.primitives.vectors import tangent_frame
+from sed2cad.primitives.vectors import root_mean_square, tangent_frame
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.model import Chain, Region, Topology
@@ -104,6 +104,6 @@ def _as_patch(plane: Plane, triangles: Labels, scan: Scan, mesh: Mesh) -> Fitted
     indices = np.flatnonzero(np.isin(nearest, triangles)).astype(np.int64)
     interior = np.ones(len(indices), dtype=bool)
     distance = plane.distance(scan.points[indices])
-    rms = float(np.sqrt(np.mean(distance**2))) if len(indices) else scan.spacing
+    rms = root_mean_square(distance) if len(indices) else scan.spacing
     spread = max(rms, scan.noise, 0.1 * scan.spacing) ** 2
     return FittedPatch(Patch(indices, "plane", interior), plane, 1, rms, spread * np.eye(Plane.freedom))

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from sed2cad.components import components
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.topology.labelling import Adjacency, adjacency
 from sed2cad.topology.mincut import Labels
@@ -100,7 +101,7 @@ def _plane(mesh: Mesh, own: Labels) -> Plane | None:
         return None
     normal = mean / length
     offset = float(areas[own] @ (centres @ normal) / areas[own].sum())
-    rms = float(np.sqrt(np.mean((centres @ normal - offset) ** 2)))
+    rms = root_mean_square(centres @ normal - offset)
     return Plane(normal, offset) if rms < _FLAT else None
 
 

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from sed2cad.primitives.base import FittedPatch, Patch, Primitive
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.robust_fit import robust_fit
-from sed2cad.primitives.vectors import unit
+from sed2cad.primitives.vectors import root_mean_square, unit
 from sed2cad.scan.scan import Array, Scan
 from sed2cad.topology.model import Chain, Region, Topology
 
@@ -143,7 +143,7 @@ def _standing_on(scan: Scan, step: Step, patches: Sequence[FittedPatch]) -> Fitt
     round_ = robust_fit("cylinder", points, normals, limit)
     surfaces = [*_like_others(points, normals, patches), _plane(points), *([round_[0]] if round_ else [])]
     for surface in surfaces:
-        rms = float(np.sqrt(np.mean(surface.distance(points) ** 2)))
+        rms = root_mean_square(surface.distance(points))
         cosine = float(np.median(np.einsum("ij,ij->i", surface.normal(points), normals)))
         if rms > limit or abs(cosine) < _UPRIGHT:
             continue
