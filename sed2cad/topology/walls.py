@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sed2cad.geometry.chains import length
 from sed2cad.primitives.base import FittedPatch, Patch, Primitive
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.robust_fit import robust_fit
@@ -34,6 +35,7 @@ class Step:
     """A border between two heights."""
 
     chain: int
+    closed: bool
     foot: Array  # (k, 3) on the left face
     head: Array  # (k, 3) on the right face
     outward: Array  # (k, 3) unit normals of the wall
@@ -44,7 +46,7 @@ class Step:
 
     @property
     def length(self) -> float:
-        return float(np.linalg.norm(np.diff(self.foot, axis=0), axis=1).sum())
+        return length(self.foot, self.closed)
 
     def rows(self) -> tuple[Array, Array]:
         """Points (m, 3) spread over the wall and their normals."""
@@ -87,7 +89,7 @@ def _step(scan: Scan, topology: Topology, patches: Sequence[FittedPatch], number
     around = np.vstack([chain.points[-1:], chain.points, chain.points[:1]])
     ahead = np.gradient(around, axis=0)[1:-1] if chain.closed else np.gradient(chain.points, axis=0)
     outward = unit(np.cross(ahead, up)) * -np.sign(np.median(rise))  # to the right, where the right face is lower
-    return Step(number, foot, head, outward)
+    return Step(number, chain.closed, foot, head, outward)
 
 
 def _is_simple(topology: Topology, number: int) -> bool:
