@@ -62,6 +62,11 @@ class Rung:
     smooth: bool = False  # whether the proxy is a Poisson surface instead of a carved one
     walls: bool = True  # whether steps get the walls that the labels lost; without, only where there are such steps
 
+    @property
+    def key(self) -> tuple[bool, float]:
+        """Rungs with the same one are traced alike."""
+        return self.smooth, self.smoothness
+
 
 LADDER = (
     Rung("exact"),
@@ -101,8 +106,8 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
             continue
         reason = _fault(trial.outcome)
         done("assemble", f"{rung.name}: {reason or 'closed'}")
-        if isinstance(trial.outcome, AssemblyResult) and not reason:
-            return _assembly(trial.attempt, trial.outcome, rung.name, failures, trial.constraints)
+        if not reason:
+            return _assembly(trial, failures)
         failures.append(f"{rung.name}: {reason}")
         trials.append(trial)
     if not tracer.proxies:
@@ -111,9 +116,9 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
     mended = _mended(scan, trials, seconds, failures, done)
     if mended is not None:
         return mended
-    almost = [trial for trial in trials if isinstance(trial.outcome, AssemblyResult) and trial.outcome.gate.undrawn]
+    almost = [trial for trial in trials if trial.undrawn]
     if almost:
-        return _undrawn(almost, failures)
+        return _assembly(min(almost, key=lambda trial: trial.undrawn), failures)
     return _facets(scan, next(iter(tracer.proxies.values())), fitted, settings, failures, done)
 
 
@@ -124,22 +129,26 @@ class Tracer:
     scan: Scan
     fitted: Sequence[FittedPatch]
     proxies: dict[bool, Mesh] = field(default_factory=dict)  # by Rung.smooth
-    traces: dict[tuple[bool, float], Traced] = field(default_factory=dict)  # by Rung.smooth and Rung.smoothness
+    traces: dict[tuple[bool, float], Traced] = field(default_factory=dict)  # by Rung.key
+    with_walls: dict[tuple[bool, float], tuple[Topology, list[FittedPatch]]] = field(default_factory=dict)
 
     def trace(self, rung: Rung) -> Traced:
         """The topology for a rung. AssemblyError when there is none."""
-        key = rung.smooth, rung.smoothness
-        if key not in self.traces:
+        if rung.key not in self.traces:
             if rung.smooth and rung.smooth not in self.proxies:
                 self.proxies[rung.smooth] = smooth_proxy(self.scan, self.fitted)
-            self.traces[key] = trace(self.scan, self.fitted, rung.smoothness, self.proxies.get(rung.smooth))
-            self.proxies[rung.smooth] = self.traces[key].proxy
-        return self.traces[key]
+            self.traces[rung.key] = trace(self.scan, self.fitted, rung.smoothness, self.proxies.get(rung.smooth))
+            self.proxies[rung.smooth] = self.traces[rung.key].proxy
+        return self.traces[rung.key]
 
     def walled(self, rung: Rung) -> tuple[Topology, list[FittedPatch]]:
         """The topology for a rung and its patches, with walls if it asks for them. AssemblyError."""
         traced = self.trace(rung)
-        return walled(self.scan, traced.topology, traced.fitted) if rung.walls else (traced.topology, traced.fitted)
+        if not rung.walls:
+            return traced.topology, traced.fitted
+        if rung.key not in self.with_walls:
+            self.with_walls[rung.key] = walled(self.scan, traced.topology, traced.fitted)
+        return self.with_walls[rung.key]
 
     def has_steps(self, rung: Rung) -> bool:
         """Whether walls would change the topology. AssemblyError when there is none."""
@@ -162,6 +171,11 @@ class Trial:
         if isinstance(self.outcome, Failure):
             return 1.5 if self.outcome.kind == "error" else math.inf
         return len(self.outcome.blamed) or 99.0
+
+    @property
+    def undrawn(self) -> int:
+        """How many faces CAD programs may fail to draw, of a solid that is right but for these."""
+        return 0 if isinstance(self.outcome, Failure) else self.outcome.gate.undrawn
 
 
 def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Trial:
@@ -198,31 +212,17 @@ def _mended(
         except AssemblyError as error:
             mended, reason = None, str(error)
         if mended is not None:
-            return _assembly(mended.attempt, mended.result, MENDED, failures, trial.constraints)
+            return _assembly(replace(trial, name=MENDED, attempt=mended.attempt, outcome=mended.result), failures)
         failures.append(f"{MENDED}: {reason}")
     return None
 
 
-def _undrawn(trials: Sequence[Trial], failures: Sequence[str]) -> Assembly:
-    """The solid that is right but for the fewest faces that CAD programs may fail to draw."""
-
-    def hidden(trial: Trial) -> int:
-        return trial.outcome.gate.undrawn if isinstance(trial.outcome, AssemblyResult) else 0
-
-    best = min(trials, key=hidden)
-    assert isinstance(best.outcome, AssemblyResult)
-    return _assembly(best.attempt, best.outcome, best.name, failures, best.constraints)
-
-
-def _assembly(
-    attempt: Attempt,
-    result: AssemblyResult,
-    rung: str,
-    failures: Sequence[str],
-    constraints: tuple[Constraint, ...],
-) -> Assembly:
-    names = face_names(result, attempt.fitted)
-    return Assembly(attempt.fitted, attempt.topology, result, names, rung, tuple(failures), constraints)
+def _assembly(trial: Trial, failures: Sequence[str]) -> Assembly:
+    """What a trial made."""
+    attempt, solid = trial.attempt, trial.outcome
+    assert isinstance(solid, AssemblyResult)
+    names = face_names(solid, attempt.fitted)
+    return Assembly(attempt.fitted, attempt.topology, solid, names, trial.name, tuple(failures), trial.constraints)
 
 
 def _facets(

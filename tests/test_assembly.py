@@ -83,6 +83,19 @@ def test_no_new_attempt_after_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert model.report.rung == "facets"
 
 
+def test_walls_are_put_in_once_for_each_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel(monkeypatch, assemble_faceted)
+    walled, seen = assembly.walled, []
+
+    def counted(scan: Any, topology: Any, fitted: Any) -> Any:
+        seen.append(topology)
+        return walled(scan, topology, fitted)
+
+    monkeypatch.setattr(assembly, "walled", counted)
+    sed2cad.reconstruct(box_scan())
+    assert len(seen) == len({rung.key for rung in assembly.LADDER})
+
+
 def test_a_solid_with_a_face_that_cannot_be_drawn_is_better_than_facets(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is said, and of several the one with the fewest such faces is taken."""
     hidden = iter([2, 1, 3, 3, 3])
