@@ -1,4 +1,4 @@
-"""A topology that can be edited: corners merged and split, loops kept in step."""
+"""A topology that can be edited: corners merged and split, chains doubled, loops kept in step."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sed2cad.geometry.curves import Array
-from sed2cad.topology.model import Chain, Topology
+from sed2cad.topology.model import Chain, Region, Topology
 
 Ray = tuple[int, int]  # (chain, 0 for its start | 1 for its end): a chain as seen from the corner there
 _REACH = 0.03  # unit frame: how far along a chain its way from the corner is looked at
@@ -85,6 +85,21 @@ class Web:
             for loop in loops:
                 loop[:] = [step for step in loop if step[0] != k]
         other._move(chain.end, chain.start, [n for n in range(len(self.chains)) if n != k])
+        return other
+
+    def doubled(self, k: int, one: Array, two: Array, between: Region) -> Web:
+        """The web with a new region along chain k, whose loops this makes.
+
+        The chain, now through `one`, stays with its left region; its double through `two` goes to the right one.
+        """
+        other, chain = self.copy(), self.chains[k]
+        new, double = len(self.loops), len(self.chains)
+        other._topology = replace(self._topology, regions=(*self._topology.regions, between))
+        other.chains[k] = replace(chain, points=one, right=new)
+        other.chains.append(replace(chain, points=two, left=new))
+        for loop in other.loops[chain.right]:
+            loop[:] = [(double, way) if n == k else (n, way) for n, way in loop]
+        other.loops.append([[(k, -1)], [(double, 1)]] if chain.closed else [[(double, 1), (k, -1)]])
         return other
 
     def split(self, corner: int, first: int, second: int, at: Array, away: Array) -> Web:

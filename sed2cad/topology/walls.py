@@ -7,18 +7,19 @@ on the plane or cylinder that stands on it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sed2cad.geometry.chains import length
+from sed2cad.geometry.web import Web
 from sed2cad.primitives.base import FittedPatch, Patch, Primitive
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.robust_fit import robust_fit
 from sed2cad.primitives.vectors import root_mean_square, unit
 from sed2cad.scan.scan import Array, Scan
-from sed2cad.topology.model import Chain, Region, Topology
+from sed2cad.topology.model import Region, Topology
 
 _LEVEL = 0.97  # cosine between the normals of the two faces, at least; opposite ones are those of a sheet
 _STEP = 0.35  # spacings: lower steps are left to the tolerances
@@ -60,7 +61,7 @@ def walled(scan: Scan, topology: Topology, fitted: Sequence[FittedPatch]) -> tup
     patches = list(fitted)
     for number in range(len(topology.chains)):
         step = _step(scan, topology, patches, number)
-        if step is None or not _is_simple(topology, number):
+        if step is None or not _is_simple(Web(topology), number):
             continue
         wall = _running_along(scan, step, patches)
         if wall < 0:
@@ -92,31 +93,12 @@ def _step(scan: Scan, topology: Topology, patches: Sequence[FittedPatch], number
     return Step(number, chain.closed, foot, head, outward)
 
 
-def _is_simple(topology: Topology, number: int) -> bool:
-    """Whether a chain is closed, or the faces at each of its two corners are different ones."""
-    chain = topology.chains[number]
+def _is_simple(web: Web, number: int) -> bool:
+    """Whether a chain is closed, or has two corners and different faces, three or more, meet at each."""
+    chain = web.chains[number]
     ends = () if chain.closed else (chain.start, chain.end)
-    return chain.closed or (chain.start != chain.end and all(_fan(topology, number, corner)[0] for corner in ends))
-
-
-def _fan(topology: Topology, number: int, corner: int) -> tuple[list[int], list[int]]:
-    """The other chains at an end of a chain, from its right face around to its left one, and the faces between them.
-
-    Empty where faces meet there more than once.
-    """
-    chain = topology.chains[number]
-    here = [k for k, c in enumerate(topology.chains) for end in (c.start, c.end) if end == corner and k != number]
-    face, order, faces = chain.right, [], []
-    while face != chain.left:
-        found = [k for k in here if face in (topology.chains[k].left, topology.chains[k].right) and k not in order]
-        if len(found) != 1:
-            return [], []
-        order += found
-        beside = topology.chains[found[0]]
-        face = beside.right if beside.left == face else beside.left
-        faces.append(face)
-    simple = len(order) == len(here) and len(set(faces)) == len(faces) > 1
-    return (order, faces[:-1]) if simple else ([], [])
+    around = [[face for _, face in web.turn(corner)] for corner in ends]
+    return chain.closed or (chain.start != chain.end and all(len(set(own)) == len(own) > 2 for own in around))
 
 
 def _running_along(scan: Scan, step: Step, patches: Sequence[FittedPatch]) -> int:
@@ -175,104 +157,38 @@ def _like_others(points: Array, normals: Array, patches: Sequence[FittedPatch]) 
 
 def _with_wall(topology: Topology, step: Step, primitive: int, patches: Sequence[FittedPatch]) -> Topology:
     """The topology with a face between the two of a chain, whose border becomes two."""
-    edit = _Edit(topology, step, primitive, patches)
-    if topology.chains[step.chain].closed:
-        edit.ring()
-    else:
-        edit.strip()
-    return edit.topology()
+    points, _ = step.rows()
+    body = topology.regions[topology.chains[step.chain].left].body
+    wall = Region(primitive, (), points, step.length * step.height, body)
+    web = Web(topology).doubled(step.chain, step.foot, step.head, wall)
+    for end in () if step.closed else (0, 1):
+        web = _torn(web, step, end, patches)
+    return web.topology()
 
 
-class _Edit:
-    """One wall being built. The chain stays with the left face; its double goes to the right one."""
+def _torn(web: Web, step: Step, end: int, patches: Sequence[FittedPatch]) -> Web:
+    """The corner at an end (0 | 1) of a wall becomes two, its foot and its head, with an edge between.
 
-    def __init__(self, topology: Topology, step: Step, primitive: int, patches: Sequence[FittedPatch]) -> None:
-        self._old = topology
-        self._step = step
-        self._primitive = primitive
-        self._patches = patches
-        self.chains = list(topology.chains)
-        self.loops = [[list(loop) for loop in region.loops] for region in topology.regions]
-        self.corners = list(topology.corners)
-        self.wall = len(topology.regions)
+    The chains there that come first from the right face around go with the head.
+    """
+    corner, wall = web.corner_of((step.chain, end)), web.chains[step.chain].right
+    foot, head = step.foot[-end], step.head[-end]
+    turn = web.turn(corner)
+    at = [face for _, face in turn].index(wall)
+    fan = (turn[at:] + turn[:at])[2:]  # without the wall's two chains
+    chains, faces = [ray[0] for ray, _ in fan], [face for _, face in fan[:-1]]
+    if end:
+        chains, faces = chains[::-1], faces[::-1]
+    away = 1
+    while away < len(faces) and _off(web, chains[away], head, patches) < _off(web, chains[away], foot, patches):
+        away += 1
+    beside = [face for _, face in turn].index(faces[away - 1])
+    return web.split(corner, *((at, beside) if end else (beside, at)), foot, head)
 
-    def ring(self) -> None:
-        """Around a closed border."""
-        k, right = self._step.chain, self._old.chains[self._step.chain].right
-        self.chains[k] = replace(self.chains[k], points=self._step.foot, right=self.wall)
-        double = self._add(Chain(self._step.head, self.wall, right, -1, -1))
-        self._renamed(right, k, double)
-        self.loops.append([[(k, -1)], [(double, 1)]])
 
-    def strip(self) -> None:
-        """Along an open border: both corners become two, with an edge between."""
-        k = self._step.chain
-        old = self._old.chains[k]
-        start, behind = self._torn(old.start, 0)
-        end, ahead = self._torn(old.end, -1)
-        self.chains[k] = replace(self.chains[k], points=self._step.foot, right=self.wall)
-        double = self._add(Chain(self._step.head, self.wall, old.right, start, end))
-        self._renamed(old.right, k, double)
-        first = self._add(Chain(self._between(0), self.wall, behind, old.start, start))
-        last = self._add(Chain(self._between(-1), ahead, self.wall, old.end, end))
-        self._insert(behind, (first, -1), start, old.start)
-        self._insert(ahead, (last, 1), old.end, end)
-        self.loops.append([[(double, 1), (last, -1), (k, -1), (first, 1)]])
-
-    def _torn(self, corner: int, at: int) -> tuple[int, int]:
-        """A new corner at the head of the wall, with the chains that belong there; and the face between the two."""
-        order, faces = _fan(self._old, self._step.chain, corner)
-        foot, head = self._step.foot[at], self._step.head[at]
-        self.corners[corner] = foot
-        self.corners.append(head)
-        new, away = len(self.corners) - 1, 1
-        while away < len(faces) and self._off(order[away], head) < self._off(order[away], foot):
-            away += 1
-        for k in order[:away]:
-            chain = self.chains[k]
-            self.chains[k] = replace(chain, start=new) if chain.start == corner else replace(chain, end=new)
-        return new, faces[away - 1]
-
-    def _off(self, k: int, point: Array) -> float:
-        """How far a point (3,) is off the surfaces of a chain; of points on both, the nearer is less off."""
-        chain = self._old.chains[k]
-        surfaces = [self._patches[self._old.regions[face].primitive].primitive for face in (chain.left, chain.right)]
-        inner = chain.points[len(chain.points) // 2]
-        return float(sum(abs(s.distance(point[None])[0]) for s in surfaces) + 0.05 * np.linalg.norm(point - inner))
-
-    def _between(self, at: int) -> Array:
-        """Points up an end of the wall."""
-        return np.linspace(self._step.foot[at], self._step.head[at], 4)
-
-    def _add(self, chain: Chain) -> int:
-        self.chains.append(chain)
-        return len(self.chains) - 1
-
-    def _renamed(self, region: int, old: int, new: int) -> None:
-        """A face goes along another chain."""
-        for loop in self.loops[region]:
-            loop[:] = [(new, way) if k == old else (k, way) for k, way in loop]
-
-    def _insert(self, region: int, edge: tuple[int, int], start: int, end: int) -> None:
-        """Put an edge of the wall into the loop of the face at its end, between the chains at two corners."""
-        for loop in self.loops[region]:
-            for at, (one, two) in enumerate(zip(loop, loop[1:] + loop[:1])):
-                if self._end(one) == start and self._end((two[0], -two[1])) == end:
-                    loop.insert(at + 1, edge)
-                    return
-
-    def _end(self, step: tuple[int, int]) -> int:
-        """The corner at which a step arrives."""
-        chain = self.chains[step[0]]
-        return chain.end if step[1] > 0 else chain.start
-
-    def topology(self) -> Topology:
-        """The result."""
-        points, _ = self._step.rows()
-        body = self._old.regions[self._old.chains[self._step.chain].left].body
-        wall = Region(self._primitive, (), points, self._step.length * self._step.height, body)
-        regions = tuple(
-            replace(region, loops=tuple(tuple(loop) for loop in loops))
-            for region, loops in zip((*self._old.regions, wall), self.loops)
-        )
-        return Topology(regions, tuple(self.chains), np.array(self.corners), self._old.volume)
+def _off(web: Web, k: int, point: Array, patches: Sequence[FittedPatch]) -> float:
+    """How far a point (3,) is off the surfaces of a chain; of points on both, the nearer is less off."""
+    chain = web.chains[k]
+    surfaces = [patches[web.primitive(face)].primitive for face in (chain.left, chain.right)]
+    inner = chain.points[len(chain.points) // 2]
+    return float(sum(abs(s.distance(point[None])[0]) for s in surfaces) + 0.05 * np.linalg.norm(point - inner))
