@@ -11,7 +11,7 @@ from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.oriented_fit import directions
 from sed2cad.primitives.refine import Directions, centred, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS
-from sed2cad.primitives.relations import EQUATIONS, SAME, TANGENCIES, Equation, placement, placement_jacobian, residuals
+from sed2cad.primitives.relations import EQUATIONS, SAME, TANGENCIES, Equation, placement, residuals
 from sed2cad.primitives.robust_fit import UNSEEN, thinned
 from sed2cad.primitives.solve_relations import Evidence, Relation, Turns
 from sed2cad.primitives.vectors import tangent_frame
@@ -95,8 +95,7 @@ def piece(primitive: Primitive, points: Array, normals: Array, noise: float, ang
 def _turns(primitive: Primitive, points: Array, said: Directions) -> Turns:
     """The directions as evidence."""
     terms = said.terms(primitive, points)
-    slopes = terms.turning @ np.linalg.pinv(placement_jacobian(primitive))
-    return Turns(said.normals, terms.trust / said.noise**2, terms.whitening, slopes)
+    return Turns(said.normals, terms.trust / said.noise**2, terms.whitening)
 
 
 def propose_directions(pieces: Pieces) -> list[Relation]:

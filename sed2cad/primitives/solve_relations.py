@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
 from sed2cad.primitives.base import Array, Primitive
+from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.refine import normal_jacobian
 from sed2cad.primitives.relations import (
     PLACEMENT,
     Equation,
@@ -41,16 +43,28 @@ class Relation:
 
 @dataclass(frozen=True)
 class Turns:
-    """Normals that hold a primitive in place, linearised where the fit put it."""
+    """Normals that hold a primitive in place, weighed where the fit put it."""
 
     normals: Array  # (n, 3) as the primitive's point
     weights: Array  # (n,)
     whitening: Array  # (n, 3, 3) of their gaps, see Directions
-    slopes: Array  # (n, 3, PLACEMENT), d whitened gap / d placement
 
     def gaps(self, primitive: Primitive, points: Array) -> Array:
         """Whitened (n, 3)."""
         return np.asarray(np.einsum("nij,nj->ni", self.whitening, primitive.normal(points) - self.normals))
+
+    def terms(self, primitive: Primitive, points: Array) -> tuple[Array, Array]:
+        """Their share of Evidence.terms.
+
+        The slopes are those of the primitive as it is now: where a radius is hardly above the noise, a step of one
+        deviation turns the normals so much that slopes from before lead uphill.
+        """
+        is_flat = isinstance(primitive, Plane)
+        turning = placement_jacobian(primitive)[:3] if is_flat else normal_jacobian(primitive, points)
+        slopes = self.whitening @ turning
+        rows = slopes.reshape(-1, slopes.shape[2])
+        weighted = (slopes * self.weights[:, None, None]).reshape(rows.shape)
+        return rows.T @ weighted, self.gaps(primitive, points).ravel() @ weighted
 
 
 @dataclass(frozen=True)
@@ -74,10 +88,8 @@ class Evidence:
         weighted = jacobian * self.weights[:, None]
         hessian, gradient = weighted.T @ jacobian, primitive.distance(self.points) @ weighted
         if self.turns is not None:
-            slopes = self.turns.slopes @ placement_jacobian(primitive)
-            weighted = slopes * self.turns.weights[:, None, None]
-            hessian = hessian + np.einsum("nik,nil->kl", slopes, weighted)
-            gradient = gradient + np.einsum("ni,nik->k", self.turns.gaps(primitive, self.points), weighted)
+            turned, slopes = self.turns.terms(primitive, self.points)
+            hessian, gradient = hessian + turned, gradient + slopes
         return hessian, gradient
 
 
@@ -250,9 +262,7 @@ def null_space(rows: Array) -> Array:
     return np.asarray(base[:, rank:])
 
 
-def _moved(
-    primitives: Mapping[int, Primitive], step: Array, layout: dict[int, slice]
-) -> dict[int, Primitive]:
+def _moved(primitives: Mapping[int, Primitive], step: Array, layout: dict[int, slice]) -> dict[int, Primitive]:
     """Every related primitive moved by its part of the step, halved where that would break it."""
     moved = dict(primitives)
     for index, part in layout.items():

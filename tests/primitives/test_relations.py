@@ -8,6 +8,7 @@ import pytest
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.oriented_fit import oriented_fit
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.proposals import piece
 from sed2cad.primitives.relations import (
@@ -24,6 +25,7 @@ from sed2cad.primitives.settle import settle
 from sed2cad.primitives.solve_relations import Evidence, Relation, satisfy, violations
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.primitives.torus import Torus
+from sed2cad.primitives.vectors import unit
 from tests.primitives.patches import Z, cylinder_patch, plane_patch, random_rotation, rotated
 from tests.primitives.test_analytic import examples
 
@@ -138,3 +140,24 @@ def test_a_contradiction_is_left_over_and_the_less_strained_relation_met() -> No
     ]
     left = violations(satisfy(primitives, relations, evidence), relations)
     assert left[0] > 0.1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_pin_as_thin_as_the_noise_stays_on_its_points_when_it_is_turned(seed: int) -> None:
+    """Its normals turn by as much as its axis moves in units of the radius: slopes of the start lead uphill."""
+    rng = np.random.default_rng(seed)
+    angle, height = rng.uniform(-np.pi, np.pi, 40), rng.uniform(-0.3, 0.3, 40)
+    radial = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(40)])
+    points = (0.003 + 0.003 * rng.uniform(-1.7, 1.7, (40, 1))) * radial + height[:, None] * Z
+    normals = unit(radial + 0.05 * rng.normal(size=(40, 3)))
+    fitted = oriented_fit("cylinder", None, points, normals, 0.003, 0.05)
+    assert fitted is not None
+    pieces = {
+        0: piece(fitted, points, normals, 0.003, 0.05),
+        1: piece(Plane(Z, 0.0), plane_patch(rng, 400).points, np.tile(Z, (400, 1)), 0.003, 0.05),
+    }
+    settled, kept = settle(pieces, [Relation("parallel", (1, 0), EQUATIONS["parallel"])])
+    assert len(kept) == 1
+    evidence = pieces[0].evidence
+    assert evidence.chi_square(settled[0].primitive) - evidence.chi_square(fitted) < 9.0
+    assert placement(settled[0].primitive)[6] == pytest.approx(0.003, abs=0.002)
