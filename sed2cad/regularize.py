@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from sed2cad.constraints import Constraint, list_constraints
 from sed2cad.fitting import angle_noise, used_points
@@ -27,6 +29,7 @@ from sed2cad.primitives.proposals import (
     propose_radii,
     propose_tangencies,
 )
+from sed2cad.primitives.refine import median_size
 from sed2cad.primitives.registry import ANALYTIC_KINDS
 from sed2cad.primitives.rounding import propose_dimensions
 from sed2cad.primitives.settle import settle
@@ -38,6 +41,8 @@ from sed2cad.scan.scan import Scan
 from sed2cad.topology.model import Topology
 
 _TANGENT_ANGLE = np.radians(14.0)  # between the normals of two faces along their common boundary
+_ENOUGH = 30  # points of a patch that tell how its neighbours err
+_FARTHEST = 5.0  # median residuals of a point that belongs
 
 
 def regularize(
@@ -51,9 +56,9 @@ def regularize(
     """
     used = [used_points(patch.patch) for patch in fitted]
     noise = float(np.median([patch.rms for patch in fitted])) if fitted else 0.0
-    angle = angle_noise(scan, fitted)
+    angle, together = angle_noise(scan, fitted), likeness(scan, fitted, used)
     pieces = {
-        index: piece(patch.primitive, scan.points[own], scan.normals[own], noise, angle)
+        index: piece(patch.primitive, scan.points[own], scan.normals[own], noise, angle, together)
         for index, (patch, own) in enumerate(zip(fitted, used))
         if patch.primitive.kind in ANALYTIC_KINDS and _is_known(patch, len(own), angle)
     }
@@ -76,8 +81,7 @@ def regularize(
         settled, relations = settle(pieces, [dimension.relation for dimension in dimensions], relations, settled)
     changed = members_of(relations)
     patches = [
-        _refitted(patch, settled[k], scan.points[used[k]]) if k in changed else patch
-        for k, patch in enumerate(fitted)
+        _refitted(patch, settled[k], scan.points[used[k]]) if k in changed else patch for k, patch in enumerate(fitted)
     ]
     patches, alignments = align_swept(patches, scan.points)
     constraints = list_constraints(pieces, settled, relations, patterns, dimensions)
@@ -119,6 +123,22 @@ def tangent_pairs(fitted: Sequence[FittedPatch], topology: Topology) -> list[tup
         if np.median(np.einsum("ij,ij->i", first, second)) > np.cos(_TANGENT_ANGLE):
             pairs.add((sides[0], sides[1]))
     return sorted(pairs)
+
+
+def likeness(scan: Scan, fitted: Sequence[FittedPatch], used: Sequence[NDArray[np.int64]]) -> float:
+    """Correlation of the residuals of neighbours on one patch, over all that are known well: 0 to 1."""
+    products, squares = 0.0, 0.0
+    for patch, own in zip(fitted, used):
+        if len(own) < _ENOUGH or patch.primitive.kind not in ANALYTIC_KINDS:
+            continue
+        residual = patch.primitive.distance(scan.points[own])
+        limit = _FARTHEST * median_size(residual)
+        feet = patch.primitive.project(scan.points[own])  # the nearest points themselves are those that err alike
+        other = residual[cKDTree(feet).query(feet, 2)[1][:, 1]]
+        fair = (np.abs(residual) <= limit) & (np.abs(other) <= limit)
+        products += float(residual[fair] @ other[fair])
+        squares += float(residual[fair] @ residual[fair] + other[fair] @ other[fair]) / 2
+    return min(max(products / squares, 0.0), 1.0) if squares > 0 else 1.0
 
 
 def _refitted(patch: FittedPatch, settled: Piece, points: Array) -> FittedPatch:

@@ -16,17 +16,17 @@ from sed2cad.primitives.robust_fit import UNSEEN, thinned
 from sed2cad.primitives.solve_relations import Evidence, Relation, Turns
 from sed2cad.primitives.vectors import tangent_frame
 
-# Least and most that a primitive is changed by, whatever its uncertainty.
-_ANGLES = (np.radians(0.5), np.radians(9.0))
+# Most that a primitive is changed by, whatever its uncertainty.
+_ANGLE = np.radians(9.0)
 _WEAK_ANGLE = np.radians(30.0)  # most for a direction that is known well the other way
 _SQUARE = np.radians(3.0)  # most for perpendicular, which many directions are by chance
-_SHIFTS = (5e-4, 0.012)  # of an axis, unit frame
-_OFFSETS = (3e-4, 0.002)  # of a plane, unit frame
-_RADII = (2e-4, 0.002)  # unit frame
+_SHIFT = 0.012  # of an axis, unit frame
+_OFFSET = 0.002  # of a plane, unit frame
+_RADIUS_CHANGE = 0.002  # unit frame
 _RADIUS_SHARE = 0.05  # radii that differ more are two radii
 _TANGENT_MISFIT = 0.08  # of a tangency's equations, radians or unit frame
 
-_INDEPENDENT = 50  # points that err independently; beyond, the errors of a scan are systematic
+_INDEPENDENT = 50  # points of a patch that err independently where neighbours err together
 _MOST_POINTS = 300  # per primitive, to weigh it against the relations
 _SAME_MISFIT = 0.006  # of two patches of one surface, radians or unit frame
 _WORSENING = 0.25  # growth of chi^2 per point that intent outweighs
@@ -76,10 +76,14 @@ class Piece:
 Pieces = dict[int, Piece]
 
 
-def piece(primitive: Primitive, points: Array, normals: Array, noise: float, angle: float) -> Piece:
+def piece(
+    primitive: Primitive, points: Array, normals: Array, noise: float, angle: float, likeness: float = 1.0
+) -> Piece:
     """Weigh a primitive by its points (n, 3) and their normals (n, 3), which deviate by `angle`, radians.
 
-    Few of them are no better than the noise of the whole scan.
+    Few of them are no better than the noise of the whole scan. `likeness` is the correlation of the errors of
+    neighbours: as far as they err together many say no more than _INDEPENDENT do. And whatever they say, all of them
+    may be off by what nobody sees, which is three deviations.
     """
     primitive = centred(primitive, points)
     points, normals = thinned(points, normals, _MOST_POINTS)
@@ -88,8 +92,9 @@ def piece(primitive: Primitive, points: Array, normals: Array, noise: float, ang
     sigma = max(fit.sigma, _LEAST_SIGMA, noise if len(points) < _INDEPENDENT else 0.0)
     weights = tukey_weights(primitive.distance(points), noise, primitive.freedom) / sigma**2
     evidence = Evidence(points, weights, None if said is None else _turns(primitive, points, said))
-    covariance = fit.covariance * (sigma / fit.sigma) ** 2 * max(1.0, len(points) / _INDEPENDENT)
-    return Piece(primitive, evidence, covariance)
+    together = 1 + likeness * max(0.0, len(points) / _INDEPENDENT - 1)
+    systematic = len(points) * (UNSEEN / 3) ** 2
+    return Piece(primitive, evidence, fit.covariance * (sigma**2 * together + systematic) / fit.sigma**2)
 
 
 def _turns(primitive: Primitive, points: Array, said: Directions) -> Turns:
@@ -111,7 +116,7 @@ def propose_directions(pieces: Pieces) -> list[Relation]:
             continue
         for leader in leaders:
             angle = _angle(pieces[index].primitive, pieces[leader].primitive)
-            limit = min(_within(_ANGLES, spread[index], spread[leader]), _SQUARE)
+            limit = _tolerance(spread[index], spread[leader], _SQUARE)
             if np.pi / 2 - angle < limit:
                 relations.append(_relation("perpendicular", leader, index, (np.pi / 2 - angle) / limit))
         leaders.append(index)
@@ -127,8 +132,8 @@ def _turn(piece: Piece, leader: Piece, spread: float) -> float:
     frame = np.column_stack(tangent_frame(own))
     values, vectors = np.linalg.eigh(piece.covariance[DIRECTION, DIRECTION])
     deviations = 3 * np.sqrt(np.maximum(values, 0) + spread**2)
-    most = [_ANGLES[1], _ANGLES[1] if deviations[0] > _ANGLES[1] else _WEAK_ANGLE]
-    limits = np.clip(deviations, _ANGLES[0], most)
+    most = [_ANGLE, _ANGLE if deviations[0] > _ANGLE else _WEAK_ANGLE]
+    limits = np.minimum(deviations, most)
     turn = frame.T @ other if own @ other >= 0 else -frame.T @ other
     if abs(own @ other) < np.cos(_WEAK_ANGLE):
         return float("inf")
@@ -142,7 +147,7 @@ def propose_coplanar(pieces: Pieces, directions: Iterable[Relation]) -> list[Rel
     def strain(leader: int, index: int) -> float:
         p, q = placement(pieces[leader].primitive), placement(pieces[index].primitive)
         gap = abs(p[6] - np.sign(p[:3] @ q[:3]) * q[6])
-        return gap / _within(_OFFSETS, pieces[leader].offset, pieces[index].offset)
+        return gap / _tolerance(pieces[leader].offset, pieces[index].offset, _OFFSET)
 
     for group in _groups(pieces, directions):
         planes = sorted(_of_kind(pieces, group, ("plane",)), key=lambda k: pieces[k].offset)
@@ -164,7 +169,7 @@ def propose_coaxial(pieces: Pieces, directions: Iterable[Relation], hosts: Mappi
         known = pieces[hosts.get(index, index)]
         p, q = placement(pieces[leader].primitive), placement(known.primitive)
         gap = float(np.linalg.norm(np.cross(q[3:6] - p[3:6], p[:3])))
-        return gap / _within(_SHIFTS, pieces[leader].lateral, known.lateral)
+        return gap / _tolerance(pieces[leader].lateral, known.lateral, _SHIFT)
 
     for group in _groups(pieces, directions):
         axes = sorted(_of_kind(pieces, group, ("cylinder", "cone", "torus")), key=lambda k: pieces[k].lateral)
@@ -180,7 +185,8 @@ def propose_radii(pieces: Pieces) -> list[Relation]:
     radius = {k: placement(pieces[k].primitive)[7 if pieces[k].primitive.kind == "torus" else 6] for k in spread}
 
     def strain(leader: int, index: int) -> float:
-        limit = min(_within(_RADII, spread[leader], spread[index]), _RADIUS_SHARE * radius[leader])
+        most = min(_RADIUS_CHANGE, _RADIUS_SHARE * radius[leader])
+        limit = _tolerance(spread[leader], spread[index], most)
         return float(abs(radius[leader] - radius[index]) / limit)
 
     matches = _matches(sorted(spread, key=lambda k: spread[k]), strain)
@@ -262,9 +268,9 @@ def _of_kind(pieces: Pieces, indices: Iterable[int], kinds: tuple[str, ...]) -> 
     return [index for index in indices if pieces[index].primitive.kind in kinds]
 
 
-def _within(limits: tuple[float, float], a: float, b: float) -> float:
-    """Three standard deviations of a difference, but within limits."""
-    return float(np.clip(3 * np.hypot(a, b), *limits))
+def _tolerance(a: float, b: float, most: float) -> float:
+    """Three standard deviations of a difference, at most so much."""
+    return min(3 * float(np.hypot(a, b)), most)
 
 
 def _angle(a: Primitive, b: Primitive) -> float:
