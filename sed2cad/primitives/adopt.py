@@ -1,4 +1,4 @@
-"""Short arcs that hardly tell their axis take one that the part has already, where their points allow it."""
+"""Short arcs that hardly tell their axis, or tell a wrong one, take one of the part where their points allow it."""
 
 from __future__ import annotations
 
@@ -15,21 +15,37 @@ from sed2cad.primitives.relations import placement
 from sed2cad.primitives.starts import is_proper, torus_about
 from sed2cad.primitives.vectors import about_axis, unit
 
-_VAGUE = np.radians(3.0)  # deviation of a direction that needs help
+_VAGUE = np.radians(3.0)  # deviation of a direction that needs help, and a turn that leads out of its valley
 _SURE = np.radians(1.0)  # of one that can give it
 _CHANCE = 9.0  # growth of chi^2 that four numbers given up explain
 
 
 def adopt_axes(pieces: Pieces) -> tuple[Pieces, dict[int, int]]:
-    """The pieces, those with vague axes about the sure axis that fits them best, if any does; and whose that is."""
+    """The pieces, those with vague axes about the sure axis that fits them best, if any does; and whose that is.
+
+    So are cones that have settled in another valley: on a short arc the points are as near to cones about quite
+    different axes, and the covariance knows of one of them only. A sure cone leans on better known axes alone.
+    """
     spread = {k: p.spread(DIRECTION) for k, p in pieces.items() if p.primitive.kind in _ABOUT}
-    sure = [k for k, size in spread.items() if size < _SURE]
-    changed, hosts = dict(pieces), {}
-    for index in (k for k, size in spread.items() if size > _VAGUE):
-        found = _adopted(pieces[index], [placement(pieces[k].primitive) for k in sure])
-        if found is not None:
-            changed[index], hosts[index] = replace(pieces[index], primitive=found[0]), sure[found[1]]
+    sure = [k for k in sorted(spread, key=lambda k: spread[k]) if spread[k] < _SURE]
+    changed = dict(pieces)
+    hosts: dict[int, int] = {}
+    for index in sorted(spread, key=lambda k: spread[k]):
+        piece, is_vague = pieces[index], spread[index] > _VAGUE
+        if not is_vague and piece.primitive.kind != "cone":
+            continue
+        better = sure[: sure.index(index)] if index in sure else sure
+        found = _adopted(piece, [placement(changed[k].primitive) for k in better])
+        if found is not None and (is_vague or _turned(piece.primitive, found[0]) > _VAGUE):
+            host = better[found[1]]
+            changed[index], hosts[index] = replace(piece, primitive=found[0]), hosts.get(host, host)
     return changed, hosts
+
+
+def _turned(before: Primitive, after: Primitive) -> float:
+    """Angle between the undirected axes, radians."""
+    cosine = abs(float(placement(before)[:3] @ placement(after)[:3]))
+    return float(np.arccos(min(cosine, 1.0)))
 
 
 def _adopted(piece: Piece, axes: list[Array]) -> tuple[Primitive, int] | None:
