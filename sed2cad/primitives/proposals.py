@@ -19,6 +19,7 @@ from sed2cad.primitives.vectors import tangent_frame
 # Most that a primitive is changed by, whatever its uncertainty.
 _ANGLE = np.radians(9.0)
 _WEAK_ANGLE = np.radians(30.0)  # most for a direction that is known well the other way
+_ELLIPSE = 3.44  # deviations of two numbers that chance exceeds as seldom as three of one
 _SQUARE = np.radians(3.0)  # most for perpendicular, which many directions are by chance
 _SHIFT = 0.012  # of an axis, unit frame
 _OFFSET = 0.002  # of a plane, unit frame
@@ -124,14 +125,14 @@ def propose_directions(pieces: Pieces) -> list[Relation]:
 
 
 def _turn(piece: Piece, leader: Piece, spread: float) -> float:
-    """The turn from one direction to another in units of what is tolerated: an ellipse of three deviations.
+    """The turn from one direction to another in units of what is tolerated: an ellipse of deviations.
 
     An axis may be known well one way and badly the other, as that of a narrow strip of a cone.
     """
     own, other = (placement(entry.primitive)[:3] for entry in (piece, leader))
     frame = np.column_stack(tangent_frame(own))
     values, vectors = np.linalg.eigh(piece.covariance[DIRECTION, DIRECTION])
-    deviations = 3 * np.sqrt(np.maximum(values, 0) + spread**2)
+    deviations = _ELLIPSE * np.sqrt(np.maximum(values, 0) + spread**2)
     most = [_ANGLE, _ANGLE if deviations[0] > _ANGLE else _WEAK_ANGLE]
     limits = np.minimum(deviations, most)
     turn = frame.T @ other if own @ other >= 0 else -frame.T @ other
