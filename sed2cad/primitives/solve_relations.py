@@ -110,8 +110,7 @@ def satisfy(
             break  # a contradiction
         hessian, gradient = fit_terms(current, evidence, layout)
         onto, along = _null_space_steps(hessian, gradient, rows * trust[:, None], values * trust)
-        step = _shortened(onto) + (_shortened(along) if turn < _STEPS else 0)
-        current = _moved(current, step, layout)
+        current = _moved(current, _shortened(onto + along if turn < _STEPS else onto), layout)
         resting = turn >= _STEPS or np.abs(along).max(initial=0.0) < 1e-6
         if resting and history[-1] < _EXACT:
             break
@@ -119,6 +118,7 @@ def satisfy(
 
 
 def _shortened(step: Array) -> Array:
+    """No longer than trusted, and as a whole: one part of it takes back what the other does to the points."""
     return step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sed2cad.primitives import solve_relations
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
@@ -161,3 +162,21 @@ def test_a_pin_as_thin_as_the_noise_stays_on_its_points_when_it_is_turned(seed: 
     evidence = pieces[0].evidence
     assert evidence.chi_square(settled[0].primitive) - evidence.chi_square(fitted) < 9.0
     assert placement(settled[0].primitive)[6] == pytest.approx(0.003, abs=0.002)
+
+
+def test_half_a_turn_leaves_a_plane_on_its_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tilted about the origin it would be far off them: what brings it back is shortened like what takes it away."""
+    monkeypatch.setattr(solve_relations, "_STEPS", 1)
+    monkeypatch.setattr(solve_relations, "_LAST_STEPS", 0)
+    rng = np.random.default_rng(0)
+    strip = np.column_stack([rng.uniform(4.9, 5.1, 50), rng.uniform(-0.1, 0.1, 50), np.zeros(50)])
+    normal = np.array([np.sin(0.2), 0.0, np.cos(0.2)])
+    pieces = {
+        0: piece(Plane(Z, 1.0), plane_patch(rng, 400).points + Z, np.tile(Z, (400, 1)), 0.003, np.inf),
+        1: piece(Plane(normal, float(normal @ strip.mean(axis=0))), strip, np.tile(Z, (50, 1)), 0.003, np.inf),
+    }
+    evidence = {k: entry.evidence for k, entry in pieces.items()}
+    relation = Relation("parallel", (0, 1), EQUATIONS["parallel"])
+    turned = satisfy({k: entry.primitive for k, entry in pieces.items()}, [relation], evidence)[1]
+    assert 0.1 < np.arccos(placement(turned)[2]) < 0.19
+    assert np.abs(turned.distance(strip.mean(axis=0)[None])) < 0.01
