@@ -69,7 +69,7 @@ def regularize(
         *propose_coplanar(aligned, directions),
         *propose_coaxial(aligned, directions, hosts),
         *propose_radii(aligned),
-        *propose_tangencies(aligned, tangent_pairs(fitted, topology)),
+        *propose_tangencies(aligned, tangent_pairs(fitted, topology), [patch.sign for patch in fitted]),
     ]
     settled, relations = settle(pieces, relations)
     patterns = _patterns(fitted, settled)

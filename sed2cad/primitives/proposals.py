@@ -11,7 +11,7 @@ from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.oriented_fit import directions
 from sed2cad.primitives.refine import Directions, centred, tukey_weights, uncertainty
 from sed2cad.primitives.registry import ANALYTIC_KINDS
-from sed2cad.primitives.relations import EQUATIONS, SAME, TANGENCIES, Equation, placement, residuals
+from sed2cad.primitives.relations import ALIKE, EQUATIONS, SAME, TANGENCIES, Equation, placement, residuals
 from sed2cad.primitives.robust_fit import UNSEEN, thinned
 from sed2cad.primitives.solve_relations import Evidence, Relation, Turns
 from sed2cad.primitives.vectors import tangent_frame
@@ -32,6 +32,7 @@ _MOST_POINTS = 300  # per primitive, to weigh it against the relations
 _SAME_MISFIT = 0.006  # of two patches of one surface, radians or unit frame
 _WORSENING = 0.25  # growth of chi^2 per point that intent outweighs
 _CHANCE = 4.0  # growth of chi^2 per parameter that chance explains
+_SIGNS = (1.0, -1.0)  # of an equation
 _LEAST_SIGMA = 1e-4  # unit frame; no points are trusted more
 
 DIRECTION = slice(0, 2)  # in every chart but the sphere's
@@ -220,33 +221,45 @@ def _equal_radius(pieces: Pieces, a: int, b: int, strain: float) -> Relation:
     return Relation("equal_radius", (a, b), equation, strain=strain)
 
 
-def propose_tangencies(pieces: Pieces, pairs: Iterable[tuple[int, int]]) -> list[Relation]:
-    """For each pair that touches smoothly: the way of being one surface or tangent that nearly holds."""
+def propose_tangencies(pieces: Pieces, pairs: Iterable[tuple[int, int]], sides: Sequence[int]) -> list[Relation]:
+    """For each pair that touches smoothly: the way of being one surface or tangent that nearly holds.
+
+    `sides` are 1 where a primitive's own normals point outwards, else -1: what touches smoothly agrees on outwards.
+    """
     relations = []
     for pair in pairs:
         if not all(index in pieces for index in pair):
             continue
         a, b = sorted(pair, key=lambda k: ANALYTIC_KINDS.index(pieces[k].primitive.kind))
         kinds = pieces[a].primitive.kind, pieces[b].primitive.kind
-        same = (SAME[kinds[0]],) if kinds[0] == kinds[1] else ()
+        same = [(SAME[kinds[0]], sign) for sign in _SIGNS] if kinds[0] == kinds[1] else []
         misfit, way, sign = _nearest(pieces[a].primitive, pieces[b].primitive, same)
         if misfit < _SAME_MISFIT:
             relations.append(Relation("same", (a, b), way, sign, misfit / _SAME_MISFIT))
             continue
-        misfit, way, sign = _nearest(pieces[a].primitive, pieces[b].primitive, TANGENCIES.get(kinds, ()))
+        ways = ways_to_touch(TANGENCIES.get(kinds, ()), sides[a] * sides[b])
+        misfit, way, sign = _nearest(pieces[a].primitive, pieces[b].primitive, ways)
         if misfit < _TANGENT_MISFIT:
             relations.append(Relation("tangent", (a, b), way, sign, misfit / _TANGENT_MISFIT))
     return relations
 
 
-def _nearest(a: Primitive, b: Primitive, ways: Sequence[Equation]) -> tuple[float, Equation, float]:
+def ways_to_touch(equations: Iterable[Equation], sense: int) -> list[tuple[Equation, float]]:
+    """The equations and signs under which the primitives' own normals agree (sense 1) or oppose where they touch.
+
+    A torus whose radius is known worse than its tube's lies as well within the cylinder as about it: only this tells.
+    """
+    signs = [(way, sign) for way in equations for sign in _SIGNS]
+    return [(way, sign) for way, sign in signs if (sense > 0 if way in ALIKE else sign == -sense)]
+
+
+def _nearest(a: Primitive, b: Primitive, ways: Sequence[tuple[Equation, float]]) -> tuple[float, Equation, float]:
     """The smallest of the largest residuals, its equation and its sign."""
     p, q = placement(a)[None], placement(b)[None]
     best: tuple[float, Equation, float] = (np.inf, EQUATIONS["parallel"], 1.0)
-    for way in ways:
-        for sign in (1.0, -1.0):
-            misfit = float(np.abs(residuals(way, p, q, np.array([sign]))).max())
-            best = min(best, (misfit, way, sign), key=lambda entry: entry[0])
+    for way, sign in ways:
+        misfit = float(np.abs(residuals(way, p, q, np.array([sign]))).max())
+        best = min(best, (misfit, way, sign), key=lambda entry: entry[0])
     return best
 
 

@@ -164,8 +164,7 @@ def _plane_cylinder(p: Placed, q: Placed, s: Stack) -> Stack:
 
 
 def _plane_cone(p: Placed, q: Placed, s: Stack) -> Stack:
-    apex = dot(p.direction, q.apex) - p.size
-    return _rows([apex, s * dot(p.direction, q.direction) - np.sin(q.size)])
+    return _rows([dot(p.direction, q.apex) - p.size, s * dot(p.direction, q.direction) - np.sin(q.size)])
 
 
 def _plane_sphere(p: Placed, q: Placed, s: Stack) -> Stack:
@@ -178,8 +177,7 @@ def _plane_torus(p: Placed, q: Placed, s: Stack) -> Stack:
 
 def _cylinders_side_by_side(p: Placed, q: Placed, s: Stack) -> Stack:
     """s = 1: one outside the other."""
-    apart = _length(_off_axis(p, q)) - s * q.size - p.size
-    return _rows([np.cross(p.direction, q.direction), apart])
+    return _rows([np.cross(p.direction, q.direction), _length(_off_axis(p, q)) - s * q.size - p.size])
 
 
 def _cylinder_in_cylinder(p: Placed, q: Placed, s: Stack) -> Stack:
@@ -204,8 +202,7 @@ def _cylinder_bend(p: Placed, q: Placed, s: Stack) -> Stack:
 
 
 def _cone_ball(p: Placed, q: Placed, s: Stack) -> Stack:
-    height = dot(q.position - p.apex, p.direction)
-    return _rows([_off_axis(p, q), height * np.sin(p.size) - q.size])
+    return _rows([_off_axis(p, q), dot(q.position - p.apex, p.direction) * np.sin(p.size) - q.size])
 
 
 def _cone_ring(p: Placed, q: Placed, s: Stack) -> Stack:
@@ -246,8 +243,7 @@ def _same_sphere(p: Placed, q: Placed, s: Stack) -> Stack:
 
 
 def _same_torus(p: Placed, q: Placed, s: Stack) -> Stack:
-    turned = np.cross(p.direction, q.direction)
-    return _rows([turned, p.position - q.position, p.size - q.size, p.second - q.second])
+    return _rows([np.cross(p.direction, q.direction), p.position - q.position, p.size - q.size, p.second - q.second])
 
 
 EQUATIONS: dict[str, Equation] = {
@@ -275,6 +271,9 @@ TANGENCIES: dict[tuple[str, str], tuple[Equation, ...]] = {
     ("sphere", "torus"): (_ball_bend, _ball_ring),
     ("torus", "torus"): (_rings,),
 }
+
+# Where the two touch, their own normals agree in these ways; in the other ways they do where the sign is -1.
+ALIKE = (_cylinder_in_cylinder, _cylinder_ball, _cylinder_bend, _cone_ball, _ball_bend)
 
 # One surface in two patches: the tangencies above are singular there.
 SAME: dict[str, Equation] = {

@@ -11,7 +11,7 @@ from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.oriented_fit import oriented_fit
 from sed2cad.primitives.plane import Plane
-from sed2cad.primitives.proposals import piece
+from sed2cad.primitives.proposals import piece, ways_to_touch
 from sed2cad.primitives.relations import (
     EQUATIONS,
     SAME,
@@ -65,6 +65,27 @@ def test_tangencies_vanish_on_tangent_pairs_in_any_pose(a: Primitive, b: Primiti
         assert least(ways, rotated(a, turn, shift), rotated(b, turn, shift)) < 1e-12
         assert least(ways, a, b) < 1e-12
         assert least(ways, a, b.scaled(1.1, np.array([-0.03, 0.05, 0.07]))) > 0.01
+
+
+def sense_where_they_touch(a: Primitive, b: Primitive) -> float:
+    """Whether their own normals agree there (1) or oppose (-1): found by going from one to the other and back."""
+    points = np.random.default_rng(1).uniform(-4, 4, (500, 3))
+    for _ in range(300):
+        points = a.project(b.project(points))
+    points = points[np.abs(b.distance(points)) < 0.01]
+    agreement = (a.normal(points) * b.normal(points)).sum(axis=1)
+    most = float(agreement[np.argmax(np.abs(agreement))])  # an apex touches otherwise
+    assert abs(most) > 0.99
+    return np.sign(most)
+
+
+@pytest.mark.parametrize(("a", "b"), TANGENT, ids=lambda p: p.kind)
+def test_the_normals_tell_tangencies_apart(a: Primitive, b: Primitive) -> None:
+    p, q = placement(a)[None], placement(b)[None]
+    for sense in (1, -1):
+        ways = ways_to_touch(TANGENCIES[a.kind, b.kind], sense)
+        misfit = min((np.abs(residuals(way, p, q, np.array([sign]))).max() for way, sign in ways), default=np.inf)
+        assert (misfit < 1e-12) == (sense == sense_where_they_touch(a, b))
 
 
 def test_a_pair_on_one_surface_is_the_same() -> None:
