@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from sed2cad.absorbing import absorbed
 from sed2cad.assembly import assemble
 from sed2cad.brep.worker import warm_up
 from sed2cad.errors import UsageError
@@ -56,7 +57,7 @@ def reconstruct_from(
         prepared = prepare(raw, settings.seed)
         clock.done("scan", f"{len(prepared.points):,} points, noise {prepared.noise * prepared.frame.scale:.2g}")
         patches = segmentation(prepared, settings, clock)
-        fitted = joined(prepared, fit_patches(prepared, patches))
+        fitted = joined(prepared, absorbed(prepared, fit_patches(prepared, patches)))
         clock.done("fit", count_kinds(fitted))
         assembly = assemble(prepared, fitted, settings, clock.done)
     notes = tuple(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, UserWarning)))
