@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,13 @@ from sed2cad.scan.scan import Scan
 
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
 _INDEPENDENT = 50  # points of a patch that err independently, as far as parameters are concerned
+_STRAY = 9.0  # chi^2 of a point that does not belong
+_SIMPLER: Mapping[str, Sequence[str]] = {
+    "cylinder": ("plane",),
+    "sphere": ("plane",),
+    "cone": ("plane", "cylinder"),
+    "torus": ("plane", "cylinder", "sphere", "cone"),
+}
 _LARGEST_RADIUS = 20.0  # part diagonals; rounder is flat
 
 # Shares of the faces of real parts; torus and freeform must earn their place.
@@ -124,7 +131,32 @@ def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
     """
     fitted = [_fit_patch(scan, patch, math.inf) for patch in patches]
     angle = angle_noise(scan, fitted)
+    if math.isinf(angle) and scan.noise > FINEST:
+        return [_simplified(scan, f) for f in fitted]
     return [_fit_patch(scan, f.patch, angle) if _asks_normals(scan, f.patch, angle) else f for f in fitted]
+
+
+def _simplified(scan: Scan, fitted: FittedPatch) -> FittedPatch:
+    """The patch on the simplest surface that its points do not tell from its own (Schwarz 1978).
+
+    Normals estimated from noisy points bend towards the borders of a patch, so that narrow planes look round.
+    """
+    kinds = _SIMPLER.get(fitted.primitive.kind, ())
+    points, normals = (values[used_points(fitted.patch)] for values in (scan.points, scan.normals))
+    for kind in kinds:
+        found = fit(kind, points, normals, scan.noise)
+        if found is None:
+            continue
+        saved = _chi_square(found[0], points, scan.noise) - _chi_square(fitted.primitive, points, scan.noise)
+        if saved < (fitted.primitive.freedom - found[0].freedom) * np.log(min(len(points), _INDEPENDENT)):
+            patch = replace(fitted.patch, kind=kind)
+            return FittedPatch(patch, found[0], found[0].side(points, normals), *found[1:])
+    return fitted
+
+
+def _chi_square(primitive: Primitive, points: Array, noise: float) -> float:
+    """Of the distances, what does not belong capped."""
+    return float(np.minimum((primitive.distance(points) / noise) ** 2, _STRAY).sum())
 
 
 def _asks_normals(scan: Scan, patch: Patch, angle: float) -> bool:

@@ -278,3 +278,30 @@ def test_patches_are_fitted_without_their_edge_points_and_know_their_side() -> N
     assert bore.rms < 1e-9
     assert len(used_points(patches[0])) == 150
     assert point.primitive.kind == "plane"
+
+
+def strip_scan(radius: float, rng: np.random.Generator) -> tuple[Scan, Patch]:
+    """A strip, 0.3 by 0.04, of a cylinder about an axis along it, with noise.
+
+    Its normals err together, as estimated ones do, and bend at the long borders.
+    """
+    along, across = rng.uniform(-0.15, 0.15, 1500), rng.uniform(-0.02, 0.02, 1500)
+    turn = across / radius
+    points = np.column_stack([along, radius * np.sin(turn), radius * (np.cos(turn) - 1)])
+    bent = turn + 0.03 * np.sin(60 * along) + 0.5 * np.sign(across) * np.clip((np.abs(across) - 0.014) / 0.006, 0, 1)
+    normals = np.column_stack([np.zeros(1500), np.sin(bent), np.cos(bent)])
+    points += rng.normal(0, 5e-4, (1500, 1)) * normals
+    scan = Scan(points, normals, None, Frame(np.zeros(3), 1.0), noise=5e-4, spacing=2e-3)
+    return scan, Patch(np.arange(1500), "cylinder", np.ones(1500, bool))
+
+
+def test_normals_that_bend_at_the_borders_do_not_make_a_strip_round() -> None:
+    rng = np.random.default_rng(0)
+    for kind in ("cylinder", "cone", "torus"):
+        scan, patch = strip_scan(1e6, rng)
+        (found,) = fit_patches(scan, [Patch(patch.indices, kind, patch.interior)])
+        assert (found.primitive.kind, found.patch.kind) == ("plane", "plane")
+    scan, patch = strip_scan(0.1, rng)
+    (found,) = fit_patches(scan, [patch])
+    assert isinstance(found.primitive, Cylinder)
+    assert found.primitive.radius == pytest.approx(0.1, rel=0.1)
