@@ -36,6 +36,7 @@ FACETS = "facets"
 UNREGULARISED = "exact, not regularised"
 MENDED = "mended"
 _MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
+_LEAST_SECONDS = 10.0  # for an attempt, however late it is
 FACET_COUNTS = (1500, 12_000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
 
 
@@ -99,7 +100,7 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
         try:
             if not rung.walls and not tracer.has_steps(rung):
                 continue
-            trial = _attempt(rung, tracer, settings, done)
+            trial = _attempt(rung, tracer, settings, start, done)
         except AssemblyError as error:
             failures.append(f"{rung.name}: {error}")
             done("assemble", failures[-1])
@@ -178,8 +179,8 @@ class Trial:
         return 0 if isinstance(self.outcome, Failure) else self.outcome.gate.undrawn
 
 
-def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Trial:
-    """One rung."""
+def _attempt(rung: Rung, tracer: Tracer, settings: Settings, start: float, done: Done) -> Trial:
+    """One rung of an assembly that began at `start`."""
     scan, traced = tracer.scan, tracer.trace(rung)
     topology, patches = tracer.walled(rung)
     constraints: list[Constraint] = []
@@ -191,7 +192,8 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, done: Done) -> Tria
     surface = np.vstack([scan.points, traced.proxy.vertices])
     options = Options(limits=_limits(scan, settings))
     attempt = Attempt(topology, tuple(patches), scan.frame, scan.points, options, surface)
-    outcome = run_isolated(exact_solid, attempt, settings.attempt_seconds)
+    left = max(settings.solid_seconds - (time.perf_counter() - start), _LEAST_SECONDS)
+    outcome = run_isolated(exact_solid, attempt, min(settings.attempt_seconds, left))
     return Trial(rung.name, attempt, traced, outcome, tuple(constraints))
 
 

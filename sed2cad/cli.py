@@ -108,7 +108,7 @@ def reconstruct_command(
     script: Annotated[Path | None, typer.Option(help="Python script to write, which makes the part.")] = None,
     unit: Annotated[str, typer.Option(metavar="mm|cm|m|in", help="Unit of the scan's coordinates.")] = "mm",
     tolerance: Annotated[
-        float | None, typer.Option(help="Largest distance of scan and solid. (default: by the noise)")
+        float | None, typer.Option(help="Largest distance of points and their faces. (default: by the noise)")
     ] = None,
     regularize: Annotated[
         bool, typer.Option("--regularize/--no-regularize", help="Make parallel, equal, ... what nearly is.")

@@ -6,7 +6,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sed2cad.absorbing import absorbed
@@ -27,6 +27,7 @@ from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.segment import segment
 from sed2cad.settings import Settings
 
+_FARTHEST = 3.0  # deviations of a point that still belongs to a face
 PLURALS = {"torus": "tori"}
 Progress = Callable[[str, str], None]
 """Called as progress(stage, message) when a stage has ended."""
@@ -54,7 +55,7 @@ def reconstruct_from(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         raw = read_scan(Path(scan)) if isinstance(scan, (str, Path)) else scan
-        prepared = prepare(raw, settings.seed)
+        prepared = _tolerant(prepare(raw, settings.seed), settings)
         clock.done("scan", f"{len(prepared.points):,} points, noise {prepared.noise * prepared.frame.scale:.2g}")
         patches = segmentation(prepared, settings, clock)
         fitted = joined(prepared, absorbed(prepared, fit_patches(prepared, patches)))
@@ -71,6 +72,12 @@ def reconstruct_from(
         face_names=assembly.face_names,
         report=summarise(assembly, prepared.frame, tuple(clock.seconds), notes),
     )
+
+
+def _tolerant(scan: Scan, settings: Settings) -> Scan:
+    """The scan with as much noise as the tolerance that the user gives allows for."""
+    noise = (settings.tolerance or 0.0) / _FARTHEST / scan.frame.scale
+    return replace(scan, noise=max(scan.noise, noise))
 
 
 def by_network(scan: Scan, settings: Settings, clock: Clock) -> list[Patch]:

@@ -18,12 +18,12 @@ class Settings:
     seed: int = 0
     regularize: bool = True  # whether what is nearly parallel, coaxial, equal, ... becomes exactly so
     round: float | None = None  # dimensions become multiples of it where the points allow, in `unit`; None: they do not
-    tolerance: float | None = None  # largest distance of scan and solid, in `unit`; None: from the noise
+    tolerance: float | None = None  # largest distance of points and their faces, in `unit`; None: from the noise
     device: str = "auto"  # where the network runs: "auto", "cpu", "cuda"
     unit: str = "mm"  # of the scan's coordinates: "mm", "cm", "m", "in"
-    exact_seconds: float = 75.0  # after which no further attempt at an exact solid is begun
-    solid_seconds: float = 110.0  # after which no face is replaced any more and the solid is made of facets
-    attempt_seconds: float = 60.0  # for one attempt to build the solid; the CAD kernel hangs now and then
+    exact_seconds: float = 30.0  # of assembly, after which no further attempt at an exact solid is begun
+    solid_seconds: float = 45.0  # of assembly, after which no face is replaced any more and the solid is made of facets
+    attempt_seconds: float = 30.0  # for one attempt to build the solid; the CAD kernel hangs now and then
 
     def __post_init__(self) -> None:
         if self.unit not in UNITS:

@@ -13,7 +13,9 @@ import pytest
 import sed2cad
 from sed2cad import CadModel
 from sed2cad.errors import AssemblyError, UsageError
+from sed2cad.scan.raw import RawScan
 from tests.parts import DATA, bracket
+from tests.segmentation.shapes import box
 
 BRACKET = DATA / "bracket.ply"
 
@@ -122,3 +124,12 @@ def test_faces_are_named(model: CadModel, tmp_path: Path) -> None:
     text = (tmp_path / "part.step").read_text()
     for name in model.names:
         assert f"'{name}'" in text
+
+
+def test_the_tolerance_makes_a_lumpy_box_a_box() -> None:
+    points, normals, _ = box((100.0, 80.0, 50.0), 8000)
+    waves = np.sin(points @ np.array([[0.20, 0.11, 0.05], [0.07, 0.23, 0.13]]).T)
+    lumpy = points + 0.4 * waves.sum(axis=1)[:, None] * normals
+    model = sed2cad.reconstruct(RawScan(lumpy, normals, name="lumpy"), sed2cad.Settings(tolerance=2.0))
+    assert sorted(model.face_names) == [f"plane_{n}" for n in range(1, 7)]
+    assert model.report.volume == pytest.approx(4e5, rel=0.02)
