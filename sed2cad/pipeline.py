@@ -24,15 +24,15 @@ from sed2cad.scan.prepare import prepare
 from sed2cad.scan.raw import RawScan
 from sed2cad.scan.read import read_scan
 from sed2cad.scan.scan import Scan
-from sed2cad.segmentation.segment import segment
+from sed2cad.segmentation.segment import UNEVEN, segment
 from sed2cad.settings import Settings
 
 _FARTHEST = 3.0  # deviations of a point that still belongs to a face
 PLURALS = {"torus": "tori"}
 Progress = Callable[[str, str], None]
 """Called as progress(stage, message) when a stage has ended."""
-Segmentation = Callable[[Scan, Settings, "Clock"], list[Patch]]
-"""What finds the patches of a prepared scan, and tells the clock of its stages."""
+Segmentation = Callable[[Scan, Settings, "Clock"], tuple[Scan, list[Patch]]]
+"""What finds the patches of a prepared scan, and perhaps more noise in it, and tells the clock of its stages."""
 
 
 def reconstruct(
@@ -57,7 +57,7 @@ def reconstruct_from(
         raw = read_scan(Path(scan)) if isinstance(scan, (str, Path)) else scan
         prepared = _tolerant(prepare(raw, settings.seed), settings)
         clock.done("scan", f"{len(prepared.points):,} points, noise {prepared.noise * prepared.frame.scale:.2g}")
-        patches = segmentation(prepared, settings, clock)
+        prepared, patches = segmentation(prepared, settings, clock)
         fitted = joined(prepared, absorbed(prepared, fit_patches(prepared, patches)))
         clock.done("fit", count_kinds(fitted))
         assembly = assemble(prepared, fitted, settings, clock.done)
@@ -80,13 +80,16 @@ def _tolerant(scan: Scan, settings: Settings) -> Scan:
     return replace(scan, noise=max(scan.noise, noise))
 
 
-def by_network(scan: Scan, settings: Settings, clock: Clock) -> list[Patch]:
-    """The patches that the network proposes and the refinement settles."""
+def by_network(scan: Scan, settings: Settings, clock: Clock) -> tuple[Scan, list[Patch]]:
+    """The patches that the network proposes and the refinement settles; the scan with its unevenness as noise."""
     labels = label(scan, settings)
     clock.done("network", "types, edges and descriptors of every point")
-    patches = segment(scan, labels, settings.seed)
-    clock.done("segment", f"{len(patches)} patches")
-    return patches
+    found = segment(scan, labels, settings.seed, scan.noise if settings.tolerance else UNEVEN)
+    clock.done("segment", f"{len(found.patches)} patches")
+    if found.noise > scan.noise:
+        off = f"{_FARTHEST * found.noise * scan.frame.scale:.2g} {settings.unit}"
+        warnings.warn(f"the surface is uneven: points may lie {off} off their faces (or say --tolerance)", stacklevel=2)
+    return replace(scan, noise=found.noise), found.patches
 
 
 def label(scan: Scan, settings: Settings) -> PointLabels:

@@ -159,10 +159,10 @@ def reconstruct_part(job: Job) -> Reconstructed:
 
     from sed2cad.pipeline import Clock, by_network, reconstruct_from
 
-    def by_truth(scan: Scan, settings: Settings, clock: Clock) -> list[Patch]:
+    def by_truth(scan: Scan, settings: Settings, clock: Clock) -> tuple[Scan, list[Patch]]:
         patches = patches_of(job.made, scan)
         clock.done("segment", f"{len(patches)} true patches")
-        return patches
+        return scan, patches
 
     torch.set_num_threads(1)
     start = time.perf_counter()

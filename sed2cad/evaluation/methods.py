@@ -66,7 +66,7 @@ def run_method(method: str, scan: Scan, labels: PointLabels | None, edge_distanc
         patch = propose_patches(labels)[labels.nearest]
         type_, edge = labels.types.argmax(axis=1)[labels.nearest], labels.edge[labels.nearest] > EDGE
     else:
-        patch, type_ = labels_of(segment(scan, labels, seed), len(scan.points))
+        patch, type_ = labels_of(segment(scan, labels, seed).patches, len(scan.points))
         edge = None
     seconds = time.perf_counter() - start
     if edge is None:

@@ -25,7 +25,9 @@ def summarise(
     names = primitive_names(assembly.fitted)
     warnings = list(notes)
     if assembly.rung == FACETS:
-        warnings.append("the solid is made of facets: no exact one passed the checks (a larger --tolerance allows simpler faces)")
+        warnings.append(
+            "the solid is made of facets: no exact one passed the checks (a larger --tolerance allows simpler faces)"
+        )
     else:
         warnings += _replaced(assembly)
     if assembly.rung == UNREGULARISED and assembly.failures:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,9 @@ COARSE = 10_000  # points that the first refinement sees: those that the network
 FINE = 100_000  # points that the second one sees; of a scan with more, the others follow their neighbours
 FINE_ROUNDS = 2
 FLOOR = 3e-4  # unit frame: facets and rounding leave deviations of this size on a clean scan
+UNEVEN = 5e-3  # unit frame: deviation of an uneven surface from the simple one that is meant
+MANY = 150  # patches
+COMMON = 0.8  # share of planes and cylinders: 0.87 of the faces of real parts, 0.7 of the pieces of an uneven one
 EDGE = 0.75  # probability from which a point counts as an edge point
 
 
@@ -46,31 +50,50 @@ class Level:
         return cls(rows, points, normals, neighbour_graph(points, normals, spacing, tolerances.distance))
 
 
-def segment(scan: Scan, labels: PointLabels | None, seed: int = 0) -> list[Patch]:
+@dataclass(frozen=True)
+class Segmentation:
+    """Patches, and the deviation of the points from them that was taken for noise."""
+
+    patches: list[Patch]
+    noise: float  # unit frame: the scan's, or more where its surface is uneven
+
+
+def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float = UNEVEN) -> Segmentation:
     """Patches of the scan: what the network and smooth pieces propose, refined by the primitives they lead to.
 
     First on the points that the network sees, then, where there are more, on all of them: the small faces that were
-    a handful of points are found there.
+    a handful of points are found there. A surface more uneven than the scan's noise, as cast and bent things have,
+    falls to pieces of all kinds; then `most` is taken for its noise.
     """
-    tolerances = Tolerances(distance=max(FLOOR, scan.noise))
-    level = Level.of(scan, labels.seen if labels is not None else _some(scan, COARSE, seed), tolerances)
-    freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else np.zeros(len(level.rows))
-    refiner = Refiner(level.points, level.normals, level.graph, tolerances, freeform)
-    state = refiner.run(_proposals(level.graph, labels, seed))
+    for noise in sorted({scan.noise, max(scan.noise, most)}):
+        tolerances = Tolerances(distance=max(FLOOR, noise))
+        level = Level.of(scan, labels.seen if labels is not None else _some(scan, COARSE, seed), tolerances)
+        freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else np.zeros(len(level.rows))
+        refiner = Refiner(level.points, level.normals, level.graph, tolerances, freeform)
+        state = refiner.run(_proposals(level.graph, labels, seed))
+        if not falls_to_pieces([choice.primitive.kind for choice in state.primitives]):
+            break
     if len(scan.points) > len(level.rows):
         fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
         nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
         refiner = Refiner(fine.points, fine.normals, fine.graph, tolerances, freeform[nearest])
         state, level = refiner.improve(State(state.labels[nearest], state.primitives), FINE_ROUNDS), fine
-    kinds = settle(level.points, level.normals, level.graph, state, tolerances, scan.noise)
+    kinds = settle(level.points, level.normals, level.graph, state, tolerances, noise)
     everyone = spread(level, state.labels, scan.points, scan.normals)
     edge = labels.edge[labels.nearest] > EDGE if labels is not None else np.zeros(len(scan.points), bool)
     interior = _inside(scan, everyone) & ~edge
-    return [
+    patches = [
         Patch(members, kind, interior[members])
         for k, kind in enumerate(kinds)
         if len(members := np.flatnonzero(everyone == k)) >= FEWEST
     ]
+    return Segmentation(patches, noise)
+
+
+def falls_to_pieces(kinds: Sequence[str]) -> bool:
+    """Whether there are many patches and too few of them planes and cylinders for a machined part."""
+    common = sum(kind in ("plane", "cylinder") for kind in kinds)
+    return len(kinds) >= MANY and common < COMMON * len(kinds)
 
 
 def _proposals(graph: Graph, labels: PointLabels | None, seed: int) -> list[Labels]:

@@ -11,7 +11,7 @@ from sed2cad.primitives.base import Patch
 from sed2cad.scan.scan import Frame, Scan
 from sed2cad.segmentation.energy import mean_field
 from sed2cad.segmentation.graph import neighbour_graph
-from sed2cad.segmentation.segment import segment
+from sed2cad.segmentation.segment import falls_to_pieces, segment
 from tests.segmentation.shapes import box, drum
 
 Array = NDArray[np.float64]
@@ -41,14 +41,14 @@ def agreement(found: NDArray[np.int64], true: NDArray[np.int64]) -> float:
 
 def test_box_has_six_planes() -> None:
     points, normals, face = box((0.7, 0.5, 0.3), 3000)
-    patches = segment(scan_of(points, normals), None)
+    patches = segment(scan_of(points, normals), None).patches
     assert [p.kind for p in patches] == ["plane"] * 6
     assert agreement(labels_of(patches, 3000), face) > 0.99
 
 
 def test_drum_is_a_cylinder_and_two_planes() -> None:
     points, normals, face = drum(0.25, 0.6, 3000)
-    patches = segment(scan_of(points, normals), None)
+    patches = segment(scan_of(points, normals), None).patches
     assert sorted(p.kind for p in patches) == ["cylinder", "plane", "plane"]
     assert agreement(labels_of(patches, 3000), face) > 0.99
 
@@ -56,7 +56,7 @@ def test_drum_is_a_cylinder_and_two_planes() -> None:
 def test_rim_of_a_thin_plate_is_found() -> None:
     """The four narrow sides of a plate thinner than the distance between its points."""
     points, normals, face = box((0.7, 0.7, 0.012), 4000)
-    patches = segment(scan_of(points, normals), None)
+    patches = segment(scan_of(points, normals), None).patches
     assert len(patches) == 6
     assert agreement(labels_of(patches, 4000), face) > 0.95
 
@@ -66,7 +66,7 @@ def test_rotation_and_order_do_not_matter(seed: int) -> None:
     points, normals, face = drum(0.25, 0.6, 2000)
     turn = Rotation.random(random_state=seed).as_matrix()
     order = np.random.default_rng(seed).permutation(len(points))
-    patches = segment(scan_of(points[order] @ turn.T, normals[order] @ turn.T), None)
+    patches = segment(scan_of(points[order] @ turn.T, normals[order] @ turn.T), None).patches
     assert agreement(labels_of(patches, 2000), face[order]) > 0.99
 
 
@@ -74,7 +74,7 @@ def test_noise_is_tolerated() -> None:
     points, normals, face = box((0.7, 0.5, 0.3), 4000)
     rng = np.random.default_rng(0)
     noisy = points + normals * rng.normal(0, 3e-3, (len(points), 1))
-    patches = segment(scan_of(noisy, normals, noise=3e-3), None)
+    patches = segment(scan_of(noisy, normals, noise=3e-3), None).patches
     assert len(patches) == 6
     assert agreement(labels_of(patches, 4000), face) > 0.95
 
@@ -85,21 +85,21 @@ def test_a_low_step_separates_parallel_planes() -> None:
     points = np.column_stack([rng.uniform(-0.4, 0.4, (4000, 2)), np.zeros(4000)])
     plateau = (np.abs(points[:, :2] - 0.2) < 0.03).all(axis=1)
     points[plateau, 2] = 0.012
-    patches = segment(scan_of(points, np.tile([0.0, 0.0, 1.0], (4000, 1))), None)
+    patches = segment(scan_of(points, np.tile([0.0, 0.0, 1.0], (4000, 1))), None).patches
     assert len(patches) == 2
     assert agreement(labels_of(patches, 4000), plateau.astype(np.int64)) > 0.99
 
 
 def test_every_point_is_in_at_most_one_patch() -> None:
     points, normals, _ = drum(0.25, 0.6, 1500)
-    patches = segment(scan_of(points, normals), None)
+    patches = segment(scan_of(points, normals), None).patches
     together = np.concatenate([p.indices for p in patches])
     assert len(np.unique(together)) == len(together)
 
 
 def test_interior_points_keep_off_the_edges() -> None:
     points, normals, _ = box((0.7, 0.5, 0.3), 3000)
-    for patch in segment(scan_of(points, normals), None):
+    for patch in segment(scan_of(points, normals), None).patches:
         inner = points[patch.indices[patch.interior]]
         assert 0 < len(inner) < len(patch.indices)
 
@@ -120,3 +120,21 @@ def test_graph_does_not_cross_a_thin_wall() -> None:
     graph = neighbour_graph(points, normals, spacing=0.01, tolerance=3e-4)
     i, j = graph.pairs.T
     assert (np.einsum("ij,ij->i", normals[i], normals[j]) > -0.5).all()
+
+
+def test_a_surface_more_uneven_than_its_noise_gets_the_faces_that_are_meant() -> None:
+    points, normals, face = box((0.6, 0.5, 0.4), 10_000)
+    waves = np.sin(points @ np.array([[40.0, 25, 11], [14, 45, 26], [33, -29, 37]]).T)
+    lumpy = points + 4e-3 * waves.sum(axis=1)[:, None] * normals
+    found = segment(scan_of(lumpy, normals), None)
+    assert found.noise > 0
+    large = [patch for patch in found.patches if len(patch.indices) > 200]
+    assert len(large) == 6
+    assert all(np.mean(face[patch.indices] == np.bincount(face[patch.indices]).argmax()) > 0.95 for patch in large)
+    assert segment(scan_of(lumpy, normals), None, most=0.0).noise == 0
+
+
+def test_many_machined_faces_are_no_unevenness() -> None:
+    assert not falls_to_pieces(["plane"] * 160 + ["cylinder"] * 70 + ["torus"] * 40)
+    assert not falls_to_pieces(["bspline"] * 40)
+    assert falls_to_pieces(["plane"] * 100 + ["cone", "torus", "sphere"] * 30)
