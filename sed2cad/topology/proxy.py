@@ -24,6 +24,7 @@ from sed2cad.topology.manifold import (
 )
 from sed2cad.topology.mirror import mirrored
 from sed2cad.topology.samples import Samples, thinned
+from sed2cad.topology.slivers import without_caps
 
 _GOOD = 0.02  # share of badly met points that no further attempt would improve much
 _CLEARLY = 0.02  # by which a later attempt must be better
@@ -31,6 +32,7 @@ _MOST_SAMPLES = 25_000
 _MOST_TRIANGLES = 150_000
 _LONGEST_EDGE = 0.03  # unit frame: of the proxy's triangles away from borders
 _POISSON_DEPTH = 8
+_LEAST_HEIGHT = 1e-6  # unit frame: of the triangles of the input mesh
 
 
 def proxy_mesh(scan: Scan, fitted: Sequence[FittedPatch] = ()) -> Mesh:
@@ -143,7 +145,7 @@ def closed_input(scan: Scan) -> Mesh | None:
     mesh = split_fans(mesh.vertices, mesh.faces, twins(mesh.faces))
     if mesh.volume() < 0:
         mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
-    return divided(mesh, _LONGEST_EDGE)
+    return divided(without_caps(mesh, _LEAST_HEIGHT), _LONGEST_EDGE)
 
 
 def welded(mesh: Mesh, distance: float = 1e-6) -> Mesh:

@@ -11,6 +11,7 @@ from sed2cad.scan.scan import Mesh
 from sed2cad.topology.faceted import decimate
 from sed2cad.topology.manifold import euler_number, is_closed_manifold, split_edges, split_fans, twins
 from sed2cad.topology.proxy import proxy_mesh, proxy_quality, welded
+from sed2cad.topology.slivers import without_caps
 
 from . import scans
 
@@ -37,6 +38,35 @@ def test_splitting_edges_keeps_the_surface():
         assert is_closed_manifold(finer.faces)
         assert finer.volume() == pytest.approx(6)
     assert len(finer.faces) == 4 * len(mesh.faces)
+
+
+def _with_caps(mesh: Mesh, rng: np.random.Generator, count: int) -> Mesh:
+    """A mesh with corners put on sides of some triangles, and a cap without area between each and the old side."""
+    vertices, faces = list(mesh.vertices), list(mesh.faces)
+    for _ in range(count):
+        a, b, c = faces.pop(int(rng.integers(len(faces))))
+        new = len(vertices)
+        vertices.append(vertices[a] + rng.uniform(0.2, 0.8) * (vertices[b] - vertices[a]))
+        faces += [np.array(t) for t in ((a, new, c), (new, b, c), (a, b, new))]
+    return Mesh(np.array(vertices), np.array(faces))
+
+
+def _least_height(mesh: Mesh) -> float:
+    corners = mesh.vertices[mesh.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    return float((2 * mesh.face_normals()[1] / longest).min())
+
+
+@pytest.mark.parametrize("count", [1, 5, 20])
+def test_caps_get_their_longest_side_turned(count):
+    mesh = welded(scans.box_mesh((1.0, 2.0, 3.0)))
+    capped = _with_caps(mesh, np.random.default_rng(count), count)
+    assert _least_height(capped) < 1e-9 and is_closed_manifold(capped.faces)
+    better = without_caps(capped, 1e-6)
+    assert _least_height(better) > 1e-6
+    assert is_closed_manifold(better.faces)
+    assert better.volume() == pytest.approx(6) and len(better.faces) == len(capped.faces)
+    assert without_caps(mesh, 1e-6).faces.tolist() == mesh.faces.tolist()
 
 
 def test_without_patches_the_proxy_is_poisson():
