@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from sed2cad.model import CadModel
 
 _EVERY = 50  # parts between two lines
+_MOST_FACES = 12  # listed that are not exact
 
 
 class Progress:
@@ -57,16 +58,19 @@ def print_summary(model: CadModel, step: Path, seconds: float, verbose: bool) ->
     state = "closed solid" if report.closed else "open shell"
     exact = "all exact" if report.exact_faces == report.faces else f"{report.exact_faces} exact"
     print(f"{step}: {state}, {report.faces} faces, {exact} ({report.rung})")
-    off = report.deviation
-    if off.rms == off.rms:
-        print(f"deviation from the scan: rms {off.rms:.3g}, p95 {off.p95:.3g}, max {off.max:.3g} {unit}")
+    whole = report.deviation
+    if whole.rms == whole.rms:
+        print(f"deviation from the scan: rms {whole.rms:.3g}, p95 {whole.p95:.3g}, max {whole.max:.3g} {unit}")
     print(f"volume {report.volume:.6g} {unit}^3, {seconds:.1f} s")
     if report.reason:
         print(f"warning: {report.reason}", file=sys.stderr)
     for warning in report.warnings:
         print(f"warning: {warning}", file=sys.stderr)
-    for face in report.face_list:
-        if verbose or face.rung != "exact":
-            print(f"  {face.name:<16} {face.rung:<8} rms {face.deviation:.3g} {unit}")
+    told = [face for face in report.face_list if verbose or face.rung != "exact"]
+    for face in told if verbose else told[:_MOST_FACES]:
+        off = f"rms {face.deviation:.3g} {unit}" if face.deviation == face.deviation else "no points"
+        print(f"  {face.name:<16} {face.rung:<8} {off}")
+    if len(told) > _MOST_FACES and not verbose:
+        print(f"  and {len(told) - _MOST_FACES:,} more like these (--verbose lists all)")
     for constraint in report.constraints if verbose else ():
         print(f"  {constraint}")

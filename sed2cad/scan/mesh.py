@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import breadth_first_order
 from scipy.spatial import cKDTree
 
+from sed2cad.components import components
 from sed2cad.scan.scan import Array, Mesh
 
 TOLERANCE = 1e-5
 """Corners nearer than this (in diagonals) are welded where that closes gaps."""
+_FLAT = np.radians(1.0)  # turn of an edge between triangles of one plane
+_FINE, _COARSE = 5e-4, 3e-3  # diagonals: distances of an arc from its triangles that happen in any mesh, and in none
+_UNUSUAL = 4.0  # times the usual one
 
 
 def weld(mesh: Mesh) -> Mesh:
@@ -24,8 +28,7 @@ def weld(mesh: Mesh) -> Mesh:
     pairs = cKDTree(exact.vertices).query_pairs(limit, output_type="ndarray")
     if not len(pairs):
         return exact
-    n = len(exact.vertices)
-    _, group = connected_components(csr_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n)), directed=False)
+    group = components(len(exact.vertices), pairs)[1]
     first = np.unique(group, return_index=True)[1]
     near = _tidy(exact.vertices[first], group[exact.faces])
     return near if _open_edges(near) < _open_edges(exact) else exact
@@ -41,10 +44,9 @@ def wound_outwards(mesh: Mesh) -> Mesh:
 
     Open parts keep the winding that most of their area has.
     """
-    pairs, same = _neighbours(mesh)
-    f = len(mesh.faces)
-    graph = csr_matrix((np.ones(len(pairs)), pairs.T), shape=(f, f))
-    count, part = connected_components(graph, directed=False)
+    halves, same = _neighbours(mesh)
+    pairs, f = halves // 3, len(mesh.faces)
+    count, part = components(f, pairs)
     turn = _alike(f, pairs, same, part)
     area = mesh.face_normals()[1]
     turn *= np.where(np.bincount(part, turn * area, count) < 0, -1, 1)[part]
@@ -59,16 +61,51 @@ def wound_outwards(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, faces)
 
 
-def smooth_parts(mesh: Mesh, degrees: float) -> tuple[int, NDArray[np.int32]]:
-    """Parts of the mesh (their count, and (f,) the part of each triangle) between edges sharper than
-    `degrees`.
+def smooth_edges(mesh: Mesh, degrees: float) -> NDArray[np.int64]:
+    """Half-edges (m, 2) of the edges that are not sharp; half-edge 3 t + k starts at corner k of triangle t.
+
+    Sharp are edges that turn more than `degrees`, and those whose two triangles lie much farther off the arc that
+    would go through them than others do: a plane that meets a cone at 20 degrees is no coarse cylinder.
     """
-    pairs, same = _neighbours(mesh)
-    normals, _ = mesh.face_normals()
+    halves, same = _neighbours(mesh)
+    pairs = halves // 3
+    normals, area = mesh.face_normals()
     cosine = same * np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
-    pairs = pairs[cosine > np.cos(np.radians(degrees))]
-    f = len(mesh.faces)
-    return connected_components(csr_matrix((np.ones(len(pairs)), pairs.T), shape=(f, f)), directed=False)
+    angle = np.arccos(np.clip(cosine, -1, 1))
+    height = 2 * area[pairs].min(axis=1) / np.maximum(_lengths(mesh)[halves[:, 0]], 1e-300)
+    sagitta = height * angle / 8 / np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    bent = sagitta[(angle > _FLAT) & (angle < np.radians(degrees))]
+    limit = np.clip(_UNUSUAL * np.median(bent) if len(bent) else 0.0, _FINE, _COARSE)
+    return halves[(angle < np.radians(degrees)) & (sagitta < limit)]
+
+
+def smooth_parts(mesh: Mesh, smooth: NDArray[np.int64]) -> tuple[int, NDArray[np.int64]]:
+    """Parts that hang together over smooth edges: their count, and (f,) the part of each triangle."""
+    return components(len(mesh.faces), smooth // 3)
+
+
+def smooth_fans(mesh: Mesh, smooth: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Corners (f, 3) of triangles at one vertex that hang together over smooth edges: the fan of each."""
+    end = smooth - smooth % 3 + (smooth + 1) % 3
+    corner = mesh.faces.ravel()
+    alike = corner[smooth[:, 0]] == corner[smooth[:, 1]]
+    first = np.column_stack([smooth[:, 0], np.where(alike, smooth[:, 1], end[:, 1])])
+    second = np.column_stack([end[:, 0], np.where(alike, end[:, 1], smooth[:, 1])])
+    return components(len(corner), np.vstack([first, second]))[1].reshape(-1, 3)
+
+
+def border_lengths(mesh: Mesh, parts: int, part: NDArray[np.int64]) -> Array:
+    """Length (parts,) of the border of each part of the mesh; part (f,) of each triangle."""
+    key, _, face = _half_edges(mesh)
+    number, count = np.unique(key * np.int64(parts) + part[face], return_inverse=True, return_counts=True)[1:]
+    alone = count[number.ravel()] == 1
+    return np.asarray(np.bincount(part[face[alone]], _lengths(mesh)[alone], parts))
+
+
+def _lengths(mesh: Mesh) -> Array:
+    """Lengths (3 f,) of the half-edges."""
+    corners = mesh.vertices[mesh.faces]
+    return np.asarray(np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).ravel())
 
 
 def _tidy(vertices: Array, faces: NDArray[np.int64]) -> Mesh:
@@ -93,14 +130,14 @@ def _open_edges(mesh: Mesh) -> int:
 
 
 def _neighbours(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs (m, 2) of triangles that share an edge with no third; 1 where they are wound alike, else -1."""
-    key, upward, face = _half_edges(mesh)
+    """Half-edges (m, 2) of edges with two triangles and no third; 1 where these are wound alike, else -1."""
+    key, upward, _ = _half_edges(mesh)
     order = np.argsort(key, kind="stable")
-    key, upward, face = key[order], upward[order], face[order]
+    key, upward = key[order], upward[order]
     starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     twice = starts[np.diff(np.r_[starts, len(key)]) == 2]
     alike = upward[twice] != upward[twice + 1]
-    return np.column_stack([face[twice], face[twice + 1]]), np.where(alike, 1, -1)
+    return np.column_stack([order[twice], order[twice + 1]]), np.where(alike, 1, -1)
 
 
 def _alike(f: int, pairs: NDArray, same: NDArray, part: NDArray) -> NDArray[np.int64]:

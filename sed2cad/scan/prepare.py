@@ -56,14 +56,15 @@ def _from_mesh(raw: RawScan, mesh: Mesh, seed: int) -> Scan:
     mesh = wound_outwards(weld(clean_mesh(raw, mesh)))
     frame = _frame(mesh.vertices)
     mesh = Mesh(frame.to_unit(mesh.vertices), mesh.faces)
-    points, normals = sample_mesh(mesh, seed)
+    points, normals, part = sample_mesh(mesh, seed)
     order = spatial_order(points)
-    points, normals = points[order], normals[order]
+    points, normals, part = points[order], normals[order], part[order]
     distance, _ = nearest(points, 6)
     outward = _outward(points, normals, distance[:, 5], whole=True)
     if (outward * normals).sum() < 0:
         mesh = replace(mesh, faces=mesh.faces[:, ::-1])
-    return Scan(points, outward, mesh, frame, noise_level(points, outward), float(np.median(distance[:, 0])))
+    noise = noise_level(points, outward)
+    return Scan(points, outward, mesh, frame, noise, float(np.median(distance[:, 0])), part)
 
 
 def _frame(points: Array) -> Frame:

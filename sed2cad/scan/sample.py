@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.scan.mesh import smooth_parts
+from sed2cad.scan.mesh import border_lengths, smooth_edges, smooth_fans, smooth_parts
 from sed2cad.scan.scan import Array, Mesh
 
 COUNT = 30_000
@@ -16,27 +16,34 @@ SMOOTH = 30.0
 """Edges that turn less than this many degrees are not sharp: normals are averaged across them."""
 
 
-def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array]:
-    """About `count` points and their unit normals, both (n, 3), spread by area.
+def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array, NDArray[np.int64]]:
+    """About `count` points (n, 3), spread by area, their unit normals and the parts (n,) between sharp edges.
 
-    Parts between sharp edges get at least a dozen points each. Normals are interpolated between those of the
+    Such parts get at least a dozen points each, and as many as their border has spacings: points of
+    a narrow strip are no farther apart than others. At most `count` more. Normals are interpolated between those of the
     corners, so that a tessellated cylinder has round ones; the points lie on the round surface, too.
     """
     rng = np.random.default_rng(seed)
-    parts, part = smooth_parts(mesh, SMOOTH)
+    smooth = smooth_edges(mesh, SMOOTH)
+    parts, part = smooth_parts(mesh, smooth)
     _, area = mesh.face_normals()
     part_area = np.bincount(part, area, parts)
-    wanted = np.maximum(count * part_area / area.sum(), min(LEAST, count // (4 * parts)))
+    by_area = count * part_area / area.sum()
+    spacing = np.sqrt(area.sum() / count)
+    more = np.maximum(LEAST, border_lengths(mesh, parts, part) / spacing) - by_area
+    more = np.maximum(more, 0)
+    wanted = by_area + more * min(1.0, count / max(more.sum(), 1.0))
     expected = area / np.maximum(part_area, 1e-300)[part] * wanted[part]
     ends = np.floor(np.cumsum(expected) + rng.random()).astype(np.int64)
     face = np.repeat(np.arange(len(area)), np.diff(ends, prepend=0))
     weight = rng.random((len(face), 2))
     weight = np.where((weight.sum(axis=1) > 1)[:, None], 1 - weight, weight)
     weight = np.column_stack([1 - weight.sum(axis=1), weight])
-    corners, corner_normals = mesh.vertices[mesh.faces[face]], _corner_normals(mesh, part)[face]
+    corners, corner_normals = mesh.vertices[mesh.faces[face]], _corner_normals(mesh, smooth_fans(mesh, smooth))[face]
     points = bulged(corners, corner_normals, weight)
     normals = np.einsum("nk,nki->ni", weight, corner_normals)
-    return points, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return points, normals, part[face].astype(np.int64)
 
 
 def bulged(corners: Array, normals: Array, weight: Array) -> Array:
@@ -50,15 +57,14 @@ def bulged(corners: Array, normals: Array, weight: Array) -> Array:
     return np.asarray(flat + 0.5 * np.einsum("nk,nk,nki->ni", weight, height, normals))
 
 
-def _corner_normals(mesh: Mesh, part: NDArray) -> Array:
-    """Unit normals (f, 3, 3) at the corners: means over the triangles of the same part.
+def _corner_normals(mesh: Mesh, fans: NDArray) -> Array:
+    """Unit normals (f, 3, 3) at the corners: means over the triangles of the same fan (f, 3).
 
     Weighted by area (a large plane beside a fillet keeps its normal) and by the angle at the corner (then it
     does not matter how quadrangles are cut).
     """
     normals, area = mesh.face_normals()
-    corners = mesh.faces * np.int64(part.max() + 1) + part[:, None]
-    number = np.unique(corners, return_inverse=True)[1].ravel()
+    number = fans.ravel()
     weighted = (normals[:, None] * (area[:, None] * _angles(mesh))[:, :, None]).reshape(-1, 3)
     total: Array = np.column_stack([np.bincount(number, weighted[:, a]) for a in range(3)])
     total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)

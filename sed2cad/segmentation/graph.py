@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
 CREASE = 0.25  # radians: normals of neighbours that differ by more have an edge between them
+_FAR = 10.0  # unit frame: no two points of one part are so far apart
 FACING = -0.5  # cosine of the normals below which two points lie on two sides of a wall
 
 
@@ -24,7 +25,7 @@ class Graph:
 
     pairs: NDArray[np.int64]  # (m, 2), i < j, unique
     weights: Array  # (m,) how strongly two neighbours want the same patch, 0..1
-    place: Array  # (n, 6) the space in which neighbours are near
+    place: Array  # (n, 6 or 7) the space in which neighbours are near
     spacing: float  # of the points
 
     @property
@@ -45,21 +46,30 @@ class Graph:
 
 
 def neighbour_graph(
-    points: Array, normals: Array, spacing: float, tolerance: float, k: int = 10, turn: float = 8.0
+    points: Array,
+    normals: Array,
+    spacing: float,
+    tolerance: float,
+    part: Labels | None = None,
+    k: int = 10,
+    turn: float = 8.0,
 ) -> Graph:
     """Join each point to its k nearest in (x, turn * spacing * n): a point of a narrow rim finds its neighbours along
     the rim, not on the large faces beside it.
 
     Pairs across a crease or a step higher than the tolerance get a small weight, opposed normals (the two sides of
-    a thin wall) none at all.
+    a thin wall) none at all, nor points of two parts (n,) if these are known.
     """
     place = np.hstack([points, turn * spacing * normals])
+    if part is not None:
+        place = np.column_stack([place, _FAR * part])
     near = cKDTree(place).query(place, k=k + 1)[1][:, 1:]
     i = np.repeat(np.arange(len(points)), near.shape[1])
     low, high = np.minimum(i, near.ravel()), np.maximum(i, near.ravel())
     pairs = np.unique(np.column_stack([low, high])[low != high], axis=0)
     cosine = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
-    pairs, cosine = pairs[cosine > FACING], cosine[cosine > FACING]
+    kept = cosine > FACING if part is None else (cosine > FACING) & (part[pairs[:, 0]] == part[pairs[:, 1]])
+    pairs, cosine = pairs[kept], cosine[kept]
     angle = np.arccos(np.clip(cosine, -1, 1))
     step = np.maximum(_step(points, normals, pairs, angle) - 2 * tolerance, 0) / (3 * tolerance)
     weights = 0.1 + 0.9 * np.exp(-0.5 * ((angle / CREASE) ** 2 + step**2))

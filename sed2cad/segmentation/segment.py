@@ -47,7 +47,8 @@ class Level:
         """The given points of a scan."""
         points, normals = scan.points[rows], scan.normals[rows]
         spacing = scan.spacing * np.sqrt(len(scan.points) / len(rows))
-        return cls(rows, points, normals, neighbour_graph(points, normals, spacing, tolerances.distance))
+        part = None if scan.part is None or scan.noise > FLOOR else scan.part[rows]
+        return cls(rows, points, normals, neighbour_graph(points, normals, spacing, tolerances.distance, part))
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,10 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
         fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
         nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
         refiner = Refiner(fine.points, fine.normals, fine.graph, tolerances, freeform[nearest])
-        state, level = refiner.improve(State(state.labels[nearest], state.primitives), FINE_ROUNDS), fine
+        state = State(state.labels[nearest], state.primitives)
+        if scan.part is not None:
+            state = refiner.start([state.labels, _large(scan.part[fine.rows])])
+        state, level = refiner.improve(state, FINE_ROUNDS), fine
     kinds = settle(level.points, level.normals, level.graph, state, tolerances, noise)
     everyone = spread(level, state.labels, scan.points, scan.normals)
     edge = labels.edge[labels.nearest] > EDGE if labels is not None else np.zeros(len(scan.points), bool)

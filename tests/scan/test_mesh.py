@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from sed2cad.errors import ScanError
-from sed2cad.scan.mesh import is_closed, smooth_parts, weld, wound_outwards
+from sed2cad.scan.mesh import is_closed, smooth_edges, smooth_fans, smooth_parts, weld, wound_outwards
 from sed2cad.scan.prepare import prepare
 from sed2cad.scan.raw import RawScan
 from sed2cad.scan.sample import sample_mesh
 from sed2cad.scan.scan import Mesh
+from tests.segmentation.shapes import extruded
 
 CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -74,12 +75,12 @@ def test_a_cavity_is_wound_inwards_and_a_body_in_it_outwards() -> None:
 
 
 def test_smooth_parts() -> None:
-    assert smooth_parts(CUBE, 30)[0] == 6
-    assert smooth_parts(tube(24), 30)[0] == 3
+    assert smooth_parts(CUBE, smooth_edges(CUBE, 30))[0] == 6
+    assert smooth_parts(tube(24), smooth_edges(tube(24), 30))[0] == 3
 
 
 def test_samples_are_even_and_on_the_mesh() -> None:
-    points, normals = sample_mesh(CUBE, 0, 6000)
+    points, normals, _ = sample_mesh(CUBE, 0, 6000)
     assert len(points) == pytest.approx(6000, abs=2)
     np.testing.assert_allclose(np.abs(points).max(axis=1), 1)
     np.testing.assert_allclose(np.einsum("ij,ij->i", points, normals), 1)
@@ -87,7 +88,7 @@ def test_samples_are_even_and_on_the_mesh() -> None:
 
 
 def test_round_normals_on_a_tessellated_cylinder() -> None:
-    points, normals = sample_mesh(tube(36), 0, 4000)
+    points, normals, _ = sample_mesh(tube(36), 0, 4000)
     side = np.abs(normals[:, 2]) < 0.5
     radial = points[side, :2] / np.linalg.norm(points[side, :2], axis=1, keepdims=True)
     cosine = np.einsum("ij,ij->i", normals[side, :2], radial)
@@ -98,7 +99,7 @@ def test_round_normals_on_a_tessellated_cylinder() -> None:
 @pytest.mark.parametrize("n", [24, 48])
 def test_points_of_a_tessellated_cylinder_lie_on_the_round_one(n: int) -> None:
     """What the chords cut off is put back to second order: the rest falls with the fourth power of the angle."""
-    points, normals = sample_mesh(tube(n), 0, 4000)
+    points, normals, _ = sample_mesh(tube(n), 0, 4000)
     side = np.abs(normals[:, 2]) < 0.5
     off = np.abs(np.linalg.norm(points[side, :2], axis=1) - 1).max()
     half = np.pi / n
@@ -107,8 +108,9 @@ def test_points_of_a_tessellated_cylinder_lie_on_the_round_one(n: int) -> None:
 
 def test_small_faces_get_points() -> None:
     small = replace(scaled(CUBE, 0.02), vertices=0.02 * CUBE.vertices + [3, 0, 0])
-    points, _ = sample_mesh(together(CUBE, small), 0)
+    points, _, part = sample_mesh(together(CUBE, small), 0)
     assert (points[:, 0] > 2).sum() >= 6 * 11
+    assert len(np.unique(part)) == 12 and len(np.unique(part[points[:, 0] > 2])) == 6
 
 
 def test_prepare_keeps_the_mesh_and_is_deterministic() -> None:
@@ -126,3 +128,42 @@ def test_useless_meshes() -> None:
     for mesh, sentence in ((bad, "1 of 8 points are NaN"), (flat, "on one plane")):
         with pytest.raises(ScanError, match=rf"m\.stl: .*{sentence}"):
             prepare(RawScan(mesh.vertices, None, mesh, "m.stl"), 0)
+
+
+def half_round(slope: float) -> Mesh:
+    """A bar with a rounded side, and a roof of two slopes (degrees) opposite: every edge turns less than 30 degrees."""
+    turn = np.radians(np.arange(0, 181, 3.0))
+    arc = [(float(np.cos(t)), float(np.sin(t))) for t in turn + np.pi]
+    steps = np.pi / 2 + np.radians(slope * np.arange(1, int(180 / slope)))
+    chain = np.cumsum(np.column_stack([np.cos(steps), np.sin(steps)]), axis=0)
+    chain *= 2 / -chain[-1, 0]
+    return extruded(arc + [(1 + x, y) for x, y in chain[:-1]], 3.0)
+
+
+def test_planes_that_meet_at_twenty_degrees_are_no_coarse_cylinder() -> None:
+    mesh = half_round(20.0)
+    parts, _ = smooth_parts(mesh, smooth_edges(mesh, 30))
+    assert parts == 3 + 8  # two ends and the round side; the eight planes of the roof
+    points, normals, _ = sample_mesh(mesh, 0, 6000)
+    roof = (points[:, 1] > 1e-9) & (np.abs(normals[:, 2]) < 0.5)
+    plane_normals, _ = mesh.face_normals()
+    best = (normals[roof] @ plane_normals.T).max(axis=1)
+    assert best.min() > 1 - 1e-9
+
+
+def test_a_narrow_strip_gets_as_many_points_along_it_as_lie_along_others() -> None:
+    mesh = extruded([(0, 0), (1, 0), (1, 1), (0.001, 1), (0, 0.999)], 2.0)
+    points, normals, part = sample_mesh(mesh, 0, 4000)
+    strip = np.abs(normals @ [-np.sqrt(0.5), np.sqrt(0.5), 0] - 1) < 1e-6
+    spacing = np.sqrt(10.0 / 4000)
+    assert len(np.unique(part[strip])) == 1
+    assert strip.sum() == pytest.approx(2 * 2.0 / spacing, rel=0.1)
+    assert np.diff(np.sort(points[strip, 2])).max() < 5 * spacing
+
+
+def test_fans_split_at_sharp_edges_only() -> None:
+    fans = smooth_fans(CUBE, smooth_edges(CUBE, 30))
+    assert len(np.unique(fans)) == 6 * 4
+    assert len(np.unique(smooth_fans(CUBE, smooth_edges(replace(CUBE), 91)))) == 24  # their arcs would lie far off
+    ring = tube(48)
+    assert len(np.unique(smooth_fans(ring, smooth_edges(ring, 30)))) == 2 * 48 + 2 * 49

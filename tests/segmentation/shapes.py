@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sed2cad.scan.scan import Mesh
+
 Array = NDArray[np.float64]
 
 
@@ -34,3 +36,16 @@ def drum(radius: float, height: float, count: int, seed: int = 0) -> tuple[Array
     level = np.select([face == 0, face == 1], [rng.uniform(-0.5, 0.5, count) * height, height / 2], -height / 2)
     normals = np.where((face == 0)[:, None], around, np.where(face == 1, 1.0, -1.0)[:, None] * up)
     return across[:, None] * around + level[:, None] * up, normals, face
+
+
+def extruded(
+    profile: list[tuple[float, float]], height: float, cut: list[tuple[int, int, int]] | None = None
+) -> Mesh:
+    """A prism over a profile, counter-clockwise, whose ends are `cut` into triangles; a fan if it is convex."""
+    n = len(profile)
+    flat = np.array(profile, dtype=float)
+    vertices = np.vstack([np.c_[flat, np.zeros(n)], np.c_[flat, np.full(n, height)]])
+    i, j = np.arange(n), np.roll(np.arange(n), -1)
+    top = np.array(cut or [(0, k, k + 1) for k in range(1, n - 1)])
+    sides = [np.column_stack([i, j, n + j]), np.column_stack([i, n + j, n + i])]
+    return Mesh(vertices, np.vstack([*sides, top[:, ::-1], n + top]))

@@ -9,11 +9,13 @@ from scipy.spatial.transform import Rotation
 
 import sed2cad.segmentation.segment
 from sed2cad.primitives.base import Patch
+from sed2cad.scan.prepare import prepare
+from sed2cad.scan.raw import RawScan
 from sed2cad.scan.scan import Frame, Scan
 from sed2cad.segmentation.energy import mean_field
 from sed2cad.segmentation.graph import neighbour_graph
 from sed2cad.segmentation.segment import falls_to_pieces, segment
-from tests.segmentation.shapes import box, drum
+from tests.segmentation.shapes import box, drum, extruded
 
 Array = NDArray[np.float64]
 
@@ -45,6 +47,19 @@ def test_box_has_six_planes() -> None:
     patches = segment(scan_of(points, normals), None).patches
     assert [p.kind for p in patches] == ["plane"] * 6
     assert agreement(labels_of(patches, 3000), face) > 0.99
+
+
+def test_steps_of_a_mesh_lower_than_the_tolerance_are_kept() -> None:
+    """A block whose top has a step of a thousandth: the step itself is one of its eight planes."""
+    profile = [(0, 0), (1, 0), (1, 0.5), (0.5, 0.5), (0.5, 0.501), (0, 0.501)]
+    mesh = extruded(profile, 0.4, [(0, 1, 3), (1, 2, 3), (0, 3, 5), (3, 4, 5)])
+    scan = prepare(RawScan(mesh.vertices, None, mesh), 0)
+    patches = segment(scan, None).patches
+    assert [p.kind for p in patches] == ["plane"] * 8
+    sides = {tuple(np.abs(scan.normals[p.indices].mean(axis=0)).round(6)) for p in patches}
+    assert sides == {(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)}
+    for patch in patches:
+        assert len(np.unique(scan.part[patch.indices])) == 1
 
 
 def test_drum_is_a_cylinder_and_two_planes() -> None:
