@@ -31,15 +31,18 @@ Pair = tuple[int, int]
 def joined(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
     """The patches in order, pieces of a freeform face as one in the place of the first.
 
-    A piece is freeform, or analytic and does not explain its points. Pieces must go on smoothly across their borders,
-    and one surface must explain them at no higher cost than theirs: first all that hang together, then two by two.
+    A piece is freeform, or analytic and does not explain its points, or lies with such a one on a part of a mesh that
+    sharp edges bound. Pieces must go on smoothly across their borders, and one surface must explain them at no higher
+    cost than theirs: first all that hang together, then two by two.
     """
     patches: list[FittedPatch | None] = list(fitted)
-    poor = max(_POOR * scan.noise, _SEEN * FINEST)
+    limit = max(_POOR * scan.noise, _SEEN * FINEST)
+    poor = [k for k, patch in enumerate(fitted) if patch.patch.kind == "bspline" or patch.rms > limit]
     owner = np.full(len(scan.points), -1)
-    for k, patch in enumerate(fitted):
-        if patch.patch.kind == "bspline" or patch.rms > poor:
-            owner[patch.patch.indices] = k
+    for k in poor:
+        owner[fitted[k].patch.indices] = k
+    for group in _on_parts(scan, fitted, poor):
+        _join(scan, patches, owner, group)
     for group in _groups(scan, owner):
         _join(scan, patches, owner, group)
     tried: set[Pair] = set()
@@ -51,6 +54,15 @@ def joined(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
         if _join(scan, patches, owner, pairs[0]):
             tried = {pair for pair in tried if pairs[0][0] not in pair}
     return [patch for patch in patches if patch is not None]
+
+
+def _on_parts(scan: Scan, fitted: Sequence[FittedPatch], poor: Sequence[int]) -> list[list[int]]:
+    """Patches that share a part of the mesh with another one, some of them poor."""
+    if scan.part is None:
+        return []
+    part = [int(np.bincount(scan.part[patch.patch.indices]).argmax()) for patch in fitted]
+    groups = [[k for k, own in enumerate(part) if own == p] for p in sorted({part[k] for k in poor})]
+    return [group for group in groups if len(group) > 1]
 
 
 def _groups(scan: Scan, owner: NDArray[np.int64]) -> list[list[int]]:

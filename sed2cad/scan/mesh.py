@@ -14,8 +14,9 @@ from sed2cad.scan.scan import Array, Mesh
 TOLERANCE = 1e-5
 """Corners nearer than this (in diagonals) are welded where that closes gaps."""
 _FLAT = np.radians(1.0)  # turn of an edge between triangles of one plane
-_FINE, _COARSE = 5e-4, 3e-3  # diagonals: distances of an arc from its triangles that happen in any mesh, and in none
-_UNUSUAL = 4.0  # times the usual one
+_COARSEST = 3e-3  # diagonals: no round surface is this far off its triangles
+_NEARLY_ALL = 0.9
+_UNUSUAL = 2.0  # times what nearly all edges of round surfaces turn and lie off
 
 
 def weld(mesh: Mesh) -> Mesh:
@@ -64,8 +65,9 @@ def wound_outwards(mesh: Mesh) -> Mesh:
 def smooth_edges(mesh: Mesh, degrees: float) -> NDArray[np.int64]:
     """Half-edges (m, 2) of the edges that are not sharp; half-edge 3 t + k starts at corner k of triangle t.
 
-    Sharp are edges that turn more than `degrees`, and those whose two triangles lie much farther off the arc that
-    would go through them than others do: a plane that meets a cone at 20 degrees is no coarse cylinder.
+    Sharp are edges that turn more than `degrees`; those whose triangles lie farther off the arc that would go through
+    them than in the coarsest mesh; and those that turn more, and lie farther off, than nearly all others do: a plane
+    that meets a cone at 20 degrees is no coarse cylinder.
     """
     halves, same = _neighbours(mesh)
     pairs = halves // 3
@@ -74,9 +76,12 @@ def smooth_edges(mesh: Mesh, degrees: float) -> NDArray[np.int64]:
     angle = np.arccos(np.clip(cosine, -1, 1))
     height = 2 * area[pairs].min(axis=1) / np.maximum(_lengths(mesh)[halves[:, 0]], 1e-300)
     sagitta = height * angle / 8 / np.linalg.norm(np.ptp(mesh.vertices, axis=0))
-    bent = sagitta[(angle > _FLAT) & (angle < np.radians(degrees))]
-    limit = np.clip(_UNUSUAL * np.median(bent) if len(bent) else 0.0, _FINE, _COARSE)
-    return halves[(angle < np.radians(degrees)) & (sagitta < limit)]
+    smooth = (angle < np.radians(degrees)) & (sagitta < _COARSEST)
+    bent = smooth & (angle > _FLAT)
+    if bent.any():
+        usual = [np.quantile(values[bent], _NEARLY_ALL) for values in (angle, sagitta)]
+        smooth &= (angle < _UNUSUAL * usual[0]) | (sagitta < _UNUSUAL * usual[1])
+    return halves[smooth]
 
 
 def smooth_parts(mesh: Mesh, smooth: NDArray[np.int64]) -> tuple[int, NDArray[np.int64]]:
