@@ -23,7 +23,8 @@ _LEAST_PAIRS = 6  # of neighbours across it
 _LEAST_SHARE = 0.6  # of these that are smooth
 _MOST_TRIALS = 20
 _POOR = 1.5  # times the noise: rms of an analytic surface that does not explain its points,
-_SEEN = 0.8  # and times what a tessellation leaves; that of 96 in 100 faces that are analytic is less
+_SEEN = 1.0  # and times what a tessellation leaves; that of 97 in 100 faces that are analytic is less
+_EXACT = 0.1  # of what a tessellation leaves: an analytic face of a fine one
 
 Pair = tuple[int, int]
 
@@ -57,11 +58,14 @@ def joined(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
 
 
 def _on_parts(scan: Scan, fitted: Sequence[FittedPatch], poor: Sequence[int]) -> list[list[int]]:
-    """Patches that share a part of the mesh with another one, some of them poor."""
+    """Patches that share a part of the mesh with others, some of them poor; none that its triangles lie on exactly."""
     if scan.part is None:
         return []
     part = [int(np.bincount(scan.part[patch.patch.indices]).argmax()) for patch in fitted]
-    groups = [[k for k, own in enumerate(part) if own == p] for p in sorted({part[k] for k in poor})]
+    sure = [patch.primitive.kind == "plane" or patch.rms < _EXACT * FINEST for patch in fitted]
+    groups = [
+        [k for k, own in enumerate(part) if own == p and not sure[k]] for p in sorted({part[k] for k in poor})
+    ]
     return [group for group in groups if len(group) > 1]
 
 

@@ -60,12 +60,12 @@ def bulged(corners: Array, normals: Array, weight: Array) -> Array:
 def _corner_normals(mesh: Mesh, fans: NDArray) -> Array:
     """Unit normals (f, 3, 3) at the corners: means over the triangles of the same fan (f, 3).
 
-    Weighted by area (a large plane beside a fillet keeps its normal) and by the angle at the corner (then it
-    does not matter how quadrangles are cut).
+    Weighted by the square of the area (a plane beside a fillet keeps its normal, at which the fillet begins) and by the
+    angle at the corner (then it does not matter how quadrangles are cut).
     """
     normals, area = mesh.face_normals()
     number = fans.ravel()
-    weighted = (normals[:, None] * (area[:, None] * _angles(mesh))[:, :, None]).reshape(-1, 3)
+    weighted = (normals[:, None] * (area[:, None] ** 2 * _angles(mesh))[:, :, None]).reshape(-1, 3)
     total: Array = np.column_stack([np.bincount(number, weighted[:, a]) for a in range(3)])
     total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
     return total[number].reshape(-1, 3, 3)
