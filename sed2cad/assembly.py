@@ -36,7 +36,7 @@ FACETS = "facets"
 UNREGULARISED = "exact, not regularised"
 MENDED = "mended"
 _MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
-_LEAST_SECONDS = 10.0  # for an attempt, however late it is
+_LEAST_SECONDS = 12.0  # of an attempt, and of mending, however late
 FACET_COUNTS = (1500, 12_000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
 
 
@@ -113,7 +113,7 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
         trials.append(trial)
     if not tracer.proxies:
         raise AssemblyError(f"no closed surface could be laid through the scan ({failures[-1]})")
-    seconds = min(settings.attempt_seconds, settings.solid_seconds - (time.perf_counter() - start))
+    seconds = min(settings.attempt_seconds, _left(settings, start))
     mended = _mended(scan, trials, seconds, failures, done)
     if mended is not None:
         return mended
@@ -192,9 +192,13 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, start: float, done:
     surface = np.vstack([scan.points, traced.proxy.vertices])
     options = Options(limits=_limits(scan, settings))
     attempt = Attempt(topology, tuple(patches), scan.frame, scan.points, options, surface)
-    left = max(settings.solid_seconds - (time.perf_counter() - start), _LEAST_SECONDS)
-    outcome = run_isolated(exact_solid, attempt, min(settings.attempt_seconds, left))
+    outcome = run_isolated(exact_solid, attempt, min(settings.attempt_seconds, _left(settings, start)))
     return Trial(rung.name, attempt, traced, outcome, tuple(constraints))
+
+
+def _left(settings: Settings, start: float) -> float:
+    """Seconds left of an assembly that began at `start`; some there always are."""
+    return max(settings.solid_seconds - (time.perf_counter() - start), _LEAST_SECONDS)
 
 
 def _mended(

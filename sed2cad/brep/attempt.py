@@ -30,6 +30,7 @@ from sed2cad.scan.scan import Frame, Mesh
 from sed2cad.topology.model import Topology
 
 _MOST_POINTS = 5000  # that a solid is judged by
+_SMALL = 0.01  # share of the surface
 
 # swept: extrusion or revolution; freeform: in place of an exact face that failed
 Rung = Literal["exact", "swept", "bspline", "freeform", "facets"]
@@ -114,10 +115,34 @@ class AssemblyResult:
 def assemble(attempt: Attempt) -> AssemblyResult:
     """Corners, edges, faces, shells, solids; repaired until the kernel is content; judged by the gate.
 
-    Where faces cannot be drawn because their edges cross beside the corners, all edges are bent to end there.
-    AssemblyError where a face is open or nothing can be built.
+    Where faces cannot be drawn because their edges cross beside the corners, all edges are bent to end there. A small
+    freeform face that goes around its axis and is open on one side becomes facets. AssemblyError where another face is
+    open or nothing can be built.
     """
-    attempt = attempt.loosened()
+    try:
+        return _assembled_straight_or_bent(attempt.loosened())
+    except OpenFace as error:
+        if not _is_small_freeform(attempt, error.region):
+            raise
+        return assemble(replace(attempt, facets={**attempt.facets, error.region: _cloud(attempt, error.region)}))
+
+
+def _is_small_freeform(attempt: Attempt, number: int) -> bool:
+    """Whether a region is one that facets stand for as well as any surface."""
+    regions = attempt.topology.regions
+    small = regions[number].area < _SMALL * sum(region.area for region in regions)
+    return small and attempt.fitted[regions[number].primitive].primitive.freeform
+
+
+def _cloud(attempt: Attempt, number: int) -> Cloud:
+    """The points of a region and the normals of its surface there."""
+    region = attempt.topology.regions[number]
+    patch = attempt.fitted[region.primitive]
+    return Cloud(region.points, patch.sign * patch.primitive.normal(region.points))
+
+
+def _assembled_straight_or_bent(attempt: Attempt) -> AssemblyResult:
+    """With edges as they are, or bent where that is what it takes to draw all faces."""
     result, checked = _assembled(attempt, bend=False)
     if checked.undrawn:
         bent, _ = _assembled(attempt, bend=True)

@@ -56,6 +56,14 @@ def fit_bspline(points: Array, normals: Array, noise: float = 0.0) -> BSplineSur
     return min((_refined(chart, noise) for chart in charts), key=lambda found: found[1])[0]
 
 
+def fit_over_plane(points: Array, normals: Array, noise: float = 0.0) -> BSplineSurface | None:
+    """The coarsest cubic patch over a plane; None for fewer than 6 points, or where it would fold over."""
+    if len(points) < 6:
+        return None
+    chart = _plane_chart(points, normals)
+    return _refined(chart, noise)[0] if np.quantile(chart.slant, 0.02) > 0 else None
+
+
 def belonging(points: Array, normals: Array) -> NDArray[np.bool_]:
     """Points (n,) that lie on the tangent planes of their neighbours and have about their normals.
 

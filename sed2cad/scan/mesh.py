@@ -13,7 +13,8 @@ from sed2cad.scan.scan import Array, Mesh
 
 TOLERANCE = 1e-5
 """Corners nearer than this (in diagonals) are welded where that closes gaps."""
-_FLAT = np.radians(1.0)  # turn of an edge between triangles of one plane
+FLAT = float(np.radians(1.0))
+"""Turn of an edge between triangles of one plane, at most."""
 _COARSEST = 3e-3  # diagonals: no round surface is this far off its triangles
 _NEARLY_ALL = 0.9
 _UNUSUAL = 2.0  # times what nearly all edges of round surfaces turn and lie off
@@ -77,7 +78,7 @@ def smooth_edges(mesh: Mesh, degrees: float) -> NDArray[np.int64]:
     height = 2 * area[pairs].min(axis=1) / np.maximum(_lengths(mesh)[halves[:, 0]], 1e-300)
     sagitta = height * angle / 8 / np.linalg.norm(np.ptp(mesh.vertices, axis=0))
     smooth = (angle < np.radians(degrees)) & (sagitta < _COARSEST)
-    bent = smooth & (angle > _FLAT)
+    bent = smooth & (angle > FLAT)
     if bent.any():
         usual = [np.quantile(values[bent], _NEARLY_ALL) for values in (angle, sagitta)]
         smooth &= (angle < _UNUSUAL * usual[0]) | (sagitta < _UNUSUAL * usual[1])

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.scan.mesh import border_lengths, smooth_edges, smooth_fans, smooth_parts
+from sed2cad.scan.mesh import FLAT, border_lengths, smooth_edges, smooth_fans, smooth_parts
 from sed2cad.scan.scan import Array, Mesh
 
 COUNT = 30_000
 """Points on a mesh."""
 LEAST = 12
 """Points on the smallest part of a mesh between sharp edges."""
+EACH = 4.0
+"""Points on each triangle of a round surface."""
 SMOOTH = 30.0
 """Edges that turn less than this many degrees are not sharp: normals are averaged across them."""
 
@@ -19,23 +21,17 @@ SMOOTH = 30.0
 def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array, NDArray[np.int64]]:
     """About `count` points (n, 3), spread by area, their unit normals and the parts (n,) between sharp edges.
 
-    Such parts get at least a dozen points each, and as many as their border has spacings: points of
-    a narrow strip are no farther apart than others. At most `count` more. Normals are interpolated between those of the
-    corners, so that a tessellated cylinder has round ones; the points lie on the round surface, too.
+    Such parts get at least a dozen points each, and as many as their border has spacings: points of a narrow strip are
+    no farther apart than others. Every triangle of a round surface gets two: small fillets are made of many small ones.
+    All this at most `count` more. Normals are interpolated between those of the corners, so that a tessellated cylinder
+    has round ones; the points lie on the round surface, too.
     """
     rng = np.random.default_rng(seed)
     smooth = smooth_edges(mesh, SMOOTH)
     parts, part = smooth_parts(mesh, smooth)
-    _, area = mesh.face_normals()
-    part_area = np.bincount(part, area, parts)
-    by_area = count * part_area / area.sum()
-    spacing = np.sqrt(area.sum() / count)
-    more = np.maximum(LEAST, border_lengths(mesh, parts, part) / spacing) - by_area
-    more = np.maximum(more, 0)
-    wanted = by_area + more * min(1.0, count / max(more.sum(), 1.0))
-    expected = area / np.maximum(part_area, 1e-300)[part] * wanted[part]
+    expected = _expected(mesh, smooth, parts, part, count)
     ends = np.floor(np.cumsum(expected) + rng.random()).astype(np.int64)
-    face = np.repeat(np.arange(len(area)), np.diff(ends, prepend=0))
+    face = np.repeat(np.arange(len(mesh.faces)), np.diff(ends, prepend=0))
     weight = rng.random((len(face), 2))
     weight = np.where((weight.sum(axis=1) > 1)[:, None], 1 - weight, weight)
     weight = np.column_stack([1 - weight.sum(axis=1), weight])
@@ -44,6 +40,25 @@ def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array
     normals = np.einsum("nk,nki->ni", weight, corner_normals)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     return points, normals, part[face].astype(np.int64)
+
+
+def _expected(
+    mesh: Mesh, smooth: NDArray[np.int64], parts: int, part: NDArray[np.int64], count: int
+) -> Array:
+    """How many points each triangle (f,) gets."""
+    normals, area = mesh.face_normals()
+    part_area = np.bincount(part, area, parts)
+    by_area = count * part_area / area.sum()
+    spacing = np.sqrt(area.sum() / count)
+    of_part = np.maximum(by_area, np.maximum(LEAST, border_lengths(mesh, parts, part) / spacing))
+    share = area / np.maximum(part_area, 1e-300)[part]
+    plain = by_area[part] * share
+    pairs = smooth // 3
+    bent = pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) < np.cos(FLAT)]
+    wanted = of_part[part] * share
+    wanted[bent] = np.maximum(wanted[bent], EACH)
+    more = wanted - plain
+    return np.asarray(plain + more * min(1.0, count / max(more.sum(), 1.0)))
 
 
 def bulged(corners: Array, normals: Array, weight: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
@@ -23,9 +24,13 @@ _LEAST_TRIANGLES = 3
 _NEAR_APEX = 0.02  # unit frame: a cone's region may end at its apex
 
 
-def turns(primitive: Cylinder | Cone | Torus | Revolution, region: Region, chains: Sequence[Chain]) -> float:
+Round = Cylinder | Cone | Torus | Revolution | BSplineSurface
+"""Surfaces about an axis (a B-spline whose base is a cylinder)."""
+
+
+def turns(primitive: Round, region: Region, chains: Sequence[Chain]) -> float:
     """How often the loops of a region go around the axis, in all; 0 when nothing is missing."""
-    x, y = tangent_frame(primitive.axis)
+    x, y = tangent_frame(primitive.frame[2] if isinstance(primitive, BSplineSurface) else primitive.axis)
     origin = _origin(primitive)
     total = 0.0
     for loop in region.loops:
@@ -56,9 +61,9 @@ def missing_cap(
     return None
 
 
-def _origin(primitive: Cylinder | Cone | Torus | Revolution) -> Array:
+def _origin(primitive: Round) -> Array:
     """A point (3,) of the axis."""
-    if isinstance(primitive, Revolution):
+    if isinstance(primitive, Revolution | BSplineSurface):
         return primitive.origin
     if isinstance(primitive, Torus):
         return primitive.centre

@@ -1,6 +1,7 @@
 """Faces that their surface cannot close: a ring around a torus or a cylinder with nothing on its other side.
 
-Where no cap was missed, the surface is the wrong one: a dome that was taken for a piece of a torus.
+Where no cap was missed, the surface is the wrong one: a dome that was taken for a piece of a torus, or was given a
+B-spline about an axis.
 """
 
 from __future__ import annotations
@@ -10,12 +11,13 @@ from dataclasses import replace
 
 from sed2cad.fitting import fit
 from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.bspline import BSplineSurface
+from sed2cad.primitives.bspline_fit import fit_over_plane
 from sed2cad.primitives.cone import Cone
-from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.revolution import Revolution
-from sed2cad.primitives.torus import Torus
+from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
-from sed2cad.topology.caps import turns
+from sed2cad.topology.caps import Round, turns
 from sed2cad.topology.model import Region, Topology
 
 _WORSE = 2.0  # times the rms of the wrong surface that a sphere may have
@@ -34,7 +36,9 @@ def _is_open(face: Region, topology: Topology, fitted: Sequence[FittedPatch]) ->
     """Whether the loops of a face go around its axis without coming back, and no apex lies inside."""
     patch = fitted[face.primitive]
     primitive = patch.primitive
-    if not face.loops or not isinstance(primitive, Cylinder | Cone | Torus | Revolution):
+    if not face.loops or not isinstance(primitive, Round):
+        return False
+    if isinstance(primitive, BSplineSurface) and primitive.base == "plane":
         return False
     around = turns(primitive, face, topology.chains)
     has_apex = isinstance(primitive, Cone) and around * patch.sign < 0
@@ -50,6 +54,9 @@ def _domed(scan: Scan, patch: FittedPatch) -> FittedPatch:
         if found is None:
             continue
         primitive, rms, covariance = found
+        if isinstance(primitive, BSplineSurface) and primitive.base != "plane":
+            primitive = fit_over_plane(points, normals, scan.noise) or primitive
+            rms = root_mean_square(primitive.distance(points))
         if kind == "sphere" and rms > max(_WORSE * patch.rms, _FINEST):
             continue
         sign = primitive.side(points, normals)
