@@ -91,7 +91,7 @@ class Refiner:
         cost = self._cost(state)
         price = 1.5 if final else 0.6  # of leaving a point unexplained; at first cheap, so that gaps show
         unexplained = np.full((self.graph.size, 1), price * self.tolerances.cap)
-        allowed = reach(state.labels, cost, self.adjacency, self.tolerances.cap)
+        allowed = reach(state.labels, cost, self.adjacency, self.tolerances.cap) | self._along_strips(state, cost)
         full = np.hstack([np.where(allowed, cost, np.inf), unexplained])
         full = self._drop(full)
         labels = mean_field(full, self.adjacency, self.tolerances.smoothness)
@@ -244,6 +244,22 @@ class Refiner:
         margin = 10 * self.graph.spacing
         low, high = self.points[members].min(axis=0) - margin, self.points[members].max(axis=0) + margin
         return np.flatnonzero(((self.points > low) & (self.points < high)).all(axis=1))
+
+    def _along_strips(self, state: State, cost: Array) -> NDArray[np.bool_]:
+        """Which points (n, k) a narrow strip may claim beyond its neighbours: those that it explains, as far on as chance
+        may leave two points of it apart."""
+        claimed = np.zeros(cost.shape, bool)
+        for column, members in enumerate(groups(state.labels)):
+            each = extent(self.points[members]) / len(members)
+            if each <= STRIP * self.graph.spacing:
+                continue
+            explained = np.flatnonzero(cost[:, column] < 0.5 * self.tolerances.cap)
+            gap = min(GAP * each, FARTHEST * self.graph.spacing)
+            pairs = cKDTree(self.points[explained]).query_pairs(gap, output_type="ndarray")
+            piece = components(len(explained), pairs)[1]
+            own = np.unique(piece[np.isin(explained, members)])
+            claimed[explained, column] = np.isin(piece, own)
+        return claimed
 
     def _strip_pairs(self, labels: Labels) -> NDArray[np.int64]:
         """Pairs (m, 2) of points of narrow strips, as near as chance may leave two points of one strip."""
