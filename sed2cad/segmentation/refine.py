@@ -23,9 +23,9 @@ Labels = NDArray[np.int64]
 Key = tuple[int, int, int]
 
 FEWEST = 4  # points that make a patch
-GAP = 4.0  # mean distances along a strip: chance leaves a wider gap with probability exp(-4)
+SURE = 3.0  # chance leaves a gap of SURE + log n mean distances in a strip of n points with probability exp(-SURE)
 STRIP = 0.6  # spacings: a patch with less than one point per so much of its length is a strip
-FARTHEST = 12.0  # spacings that a strip is followed across
+FARTHEST = 25.0  # spacings that a strip is followed across
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Refiner:
                 continue
             of_piece = groups(np.unique(own, return_inverse=True)[1])
             length = sum(extent(self.points[members[piece]]) for piece in of_piece)
-            reach = GAP * length / len(members)
+            reach = widest_gap(length, len(members))
             pairs.append(members[cKDTree(self.points[members]).query_pairs(reach, output_type="ndarray")])
         if not pairs:
             return pieces
@@ -246,15 +246,15 @@ class Refiner:
         return np.flatnonzero(((self.points > low) & (self.points < high)).all(axis=1))
 
     def _along_strips(self, state: State, cost: Array) -> NDArray[np.bool_]:
-        """Which points (n, k) a narrow strip may claim beyond its neighbours: those that it explains, as far on as chance
-        may leave two points of it apart."""
+        """Which points (n, k) a narrow strip may claim beyond its neighbours: those that it explains, as far on as
+        chance may leave two points of it apart."""
         claimed = np.zeros(cost.shape, bool)
         for column, members in enumerate(groups(state.labels)):
             each = extent(self.points[members]) / len(members)
             if each <= STRIP * self.graph.spacing:
                 continue
             explained = np.flatnonzero(cost[:, column] < 0.5 * self.tolerances.cap)
-            gap = min(GAP * each, FARTHEST * self.graph.spacing)
+            gap = min(widest_gap(each * len(members), len(members)), FARTHEST * self.graph.spacing)
             pairs = cKDTree(self.points[explained]).query_pairs(gap, output_type="ndarray")
             piece = components(len(explained), pairs)[1]
             own = np.unique(piece[np.isin(explained, members)])
@@ -263,9 +263,10 @@ class Refiner:
 
     def _strip_pairs(self, labels: Labels) -> NDArray[np.int64]:
         """Pairs (m, 2) of points of narrow strips, as near as chance may leave two points of one strip."""
-        each = np.full(len(labels), 0.0)  # length per point of its patch
+        each, gap = np.zeros(len(labels)), np.zeros(len(labels))  # of its patch: length per point, and widest gap
         for members in groups(labels):
-            each[members] = extent(self.points[members]) / len(members)
+            length = extent(self.points[members])
+            each[members], gap[members] = length / len(members), widest_gap(length, len(members))
         strips = np.flatnonzero(each > STRIP * self.graph.spacing)
         if len(strips) < 2:
             return np.empty((0, 2), np.int64)
@@ -273,7 +274,7 @@ class Refiner:
         pairs = strips[cKDTree(self.points[strips]).query_pairs(reach, output_type="ndarray")]
         i, j = pairs.T
         apart = np.linalg.norm(self.points[i] - self.points[j], axis=1)
-        return pairs[apart < GAP * np.maximum(each[i], each[j])]
+        return pairs[apart < np.maximum(gap[i], gap[j])]
 
     def _near_pairs(self, state: State) -> list[tuple[int, int]]:
         """Pairs of patches that come near each other without a crease between, most common first."""
@@ -295,6 +296,11 @@ class Refiner:
         out = np.full(len(state.labels), UNEXPLAINED)
         out[state.labels >= 0] = labels
         return State(out, tuple(state.primitives[k] for k in used))
+
+
+def widest_gap(length: float, count: int) -> float:
+    """What chance may leave between two of `count` points along a strip."""
+    return (SURE + float(np.log(count))) * length / count
 
 
 def extent(points: Array) -> float:
