@@ -15,6 +15,7 @@ TOLERANCE = 1e-5
 """Corners nearer than this (in diagonals) are welded where that closes gaps."""
 FLAT = float(np.radians(1.0))
 """Turn of an edge between triangles of one plane, at most."""
+_COPLANAR = np.radians(0.2)
 _COARSEST = 3e-3  # diagonals: no round surface is this far off its triangles
 _NEARLY_ALL = 0.9
 _UNUSUAL = 2.0  # times what nearly all edges of round surfaces turn and lie off
@@ -63,6 +64,31 @@ def wound_outwards(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, faces)
 
 
+def is_measured(mesh: Mesh) -> bool:
+    """Whether the triangles come from a scanner, not from a CAD system.
+
+    Noise bends the edges of most of them both ways; a CAD system leaves most of them a neighbour in the same plane, or
+    bends a round surface one way.
+    """
+    halves, same = _neighbours(mesh)
+    pairs = halves // 3
+    normals, area = mesh.face_normals()
+    centres = mesh.centroids()
+    angle = _angles_between(normals, pairs, same)
+    up = np.einsum("ij,ij->i", centres[pairs[:, 1]] - centres[pairs[:, 0]], normals[pairs[:, 0]]) > 0
+    flat, convex, concave = (np.zeros(len(area), bool) for _ in range(3))
+    flat[pairs[angle < _COPLANAR]] = True
+    convex[pairs[(angle > FLAT) & ~up]] = True
+    concave[pairs[(angle > FLAT) & up]] = True
+    return bool(area[convex & concave].sum() > area[flat].sum())
+
+
+def _angles_between(normals: Array, pairs: NDArray[np.int64], same: NDArray[np.int64]) -> Array:
+    """Radians (m,) between the normals of pairs of triangles that are wound alike (1) or not (-1)."""
+    cosine = same * np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
+    return np.asarray(np.arccos(np.clip(cosine, -1, 1)))
+
+
 def smooth_edges(mesh: Mesh, degrees: float) -> NDArray[np.int64]:
     """Half-edges (m, 2) of the edges that are not sharp; half-edge 3 t + k starts at corner k of triangle t.
 
@@ -73,8 +99,7 @@ def smooth_edges(mesh: Mesh, degrees: float) -> NDArray[np.int64]:
     halves, same = _neighbours(mesh)
     pairs = halves // 3
     normals, area = mesh.face_normals()
-    cosine = same * np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
-    angle = np.arccos(np.clip(cosine, -1, 1))
+    angle = _angles_between(normals, pairs, same)
     height = 2 * area[pairs].min(axis=1) / np.maximum(_lengths(mesh)[halves[:, 0]], 1e-300)
     sagitta = height * angle / 8 / np.linalg.norm(np.ptp(mesh.vertices, axis=0))
     smooth = (angle < np.radians(degrees)) & (sagitta < _COARSEST)

@@ -58,7 +58,7 @@ def _from_mesh(raw: RawScan, mesh: Mesh, seed: int) -> Scan:
     mesh = Mesh(frame.to_unit(mesh.vertices), mesh.faces)
     points, normals, part = sample_mesh(mesh, seed)
     order = spatial_order(points)
-    points, normals, part = points[order], normals[order], part[order]
+    points, normals, part = points[order], normals[order], None if part is None else part[order]
     distance, _ = nearest(points, 6)
     outward = _outward(points, normals, distance[:, 5], whole=True)
     if (outward * normals).sum() < 0:

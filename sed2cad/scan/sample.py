@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.scan.mesh import FLAT, border_lengths, smooth_edges, smooth_fans, smooth_parts
+from sed2cad.scan.mesh import FLAT, border_lengths, is_measured, smooth_edges, smooth_fans, smooth_parts
 from sed2cad.scan.scan import Array, Mesh
 
 COUNT = 30_000
@@ -18,18 +18,21 @@ SMOOTH = 30.0
 """Edges that turn less than this many degrees are not sharp: normals are averaged across them."""
 
 
-def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array, NDArray[np.int64]]:
+def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array, NDArray[np.int64] | None]:
     """About `count` points (n, 3), spread by area, their unit normals and the parts (n,) between sharp edges.
 
-    Such parts get at least a dozen points each, and as many as their border has spacings: points of a narrow strip are
-    no farther apart than others. Every triangle of a round surface gets two: small fillets are made of many small ones.
-    All this at most `count` more. Normals are interpolated between those of the corners, so that a tessellated cylinder
-    has round ones; the points lie on the round surface, too.
+    Of a measured mesh there are no parts: its sharp edges are noise. Else they get at least a dozen points each, and as
+    many as their border has spacings, so that points of a narrow strip are no farther apart than others; and every
+    triangle of a round surface gets some, because small fillets are made of many small ones. All this at most `count`
+    more. Normals are interpolated between those of the corners, so that a tessellated cylinder has round ones; the
+    points lie on the round surface, too.
     """
     rng = np.random.default_rng(seed)
     smooth = smooth_edges(mesh, SMOOTH)
     parts, part = smooth_parts(mesh, smooth)
-    expected = _expected(mesh, smooth, parts, part, count)
+    measured = is_measured(mesh)
+    area = mesh.face_normals()[1]
+    expected = count * area / area.sum() if measured else _expected(mesh, smooth, parts, part, count)
     ends = np.floor(np.cumsum(expected) + rng.random()).astype(np.int64)
     face = np.repeat(np.arange(len(mesh.faces)), np.diff(ends, prepend=0))
     weight = rng.random((len(face), 2))
@@ -39,7 +42,7 @@ def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array
     points = bulged(corners, corner_normals, weight)
     normals = np.einsum("nk,nki->ni", weight, corner_normals)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return points, normals, part[face].astype(np.int64)
+    return points, normals, None if measured else part[face]
 
 
 def _expected(

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from sed2cad.network.predict import PointLabels
 from sed2cad.network.types import BSPLINE
 from sed2cad.primitives.base import Patch
+from sed2cad.primitives.robust_fit import FINEST
 from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances
 from sed2cad.segmentation.graph import Graph, neighbour_graph
@@ -28,7 +29,7 @@ FINE = 100_000  # points that the second one sees; of a scan with more, the othe
 FINE_ROUNDS = 2
 FLOOR = 3e-4  # unit frame: facets and rounding leave deviations of this size on a clean scan
 UNEVEN = 5e-3  # unit frame: deviation of an uneven surface from the simple one that is meant
-MANY = 150  # patches
+MANY = 100  # patches
 COMMON = 0.8  # share of planes and cylinders: 0.87 of the faces of real parts, 0.7 of the pieces of an uneven one
 EDGE = 0.75  # probability from which a point counts as an edge point
 
@@ -63,10 +64,11 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
     """Patches of the scan: what the network and smooth pieces propose, refined by the primitives they lead to.
 
     First on the points that the network sees, then, where there are more, on all of them: the small faces that were
-    a handful of points are found there. A surface more uneven than the scan's noise, as cast and bent things have,
-    falls to pieces of all kinds; then `most` is taken for its noise.
+    a handful of points are found there. A surface more uneven than the noise of a real scan, as cast and bent things
+    have, falls to pieces of all kinds; then `most` is taken for its noise.
     """
-    for noise in sorted({scan.noise, max(scan.noise, most)}):
+    uneven = max(scan.noise, most) if scan.noise > FINEST else scan.noise
+    for noise in sorted({scan.noise, uneven}):
         tolerances = Tolerances(distance=max(FLOOR, noise))
         level = Level.of(scan, labels.seen if labels is not None else _some(scan, COARSE, seed), tolerances)
         freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else np.zeros(len(level.rows))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sed2cad.errors import ScanError
-from sed2cad.scan.mesh import is_closed, smooth_edges, smooth_fans, smooth_parts, weld, wound_outwards
+from sed2cad.scan.mesh import is_closed, is_measured, smooth_edges, smooth_fans, smooth_parts, weld, wound_outwards
 from sed2cad.scan.prepare import prepare
 from sed2cad.scan.raw import RawScan
 from sed2cad.scan.sample import sample_mesh
@@ -167,3 +167,25 @@ def test_fans_split_at_sharp_edges_only() -> None:
     assert len(np.unique(smooth_fans(CUBE, smooth_edges(replace(CUBE), 91)))) == 24  # their arcs would lie far off
     ring = tube(48)
     assert len(np.unique(smooth_fans(ring, smooth_edges(ring, 30)))) == 2 * 48 + 2 * 49
+
+
+def test_triangles_of_a_scanner_are_told_from_those_of_a_cad_system() -> None:
+    rng = np.random.default_rng(0)
+    ball = ball_of(40)
+    for mesh in (CUBE, tube(36), ball, half_round(20.0)):
+        assert not is_measured(mesh)
+    rough = replace(ball, vertices=ball.vertices * (1 + 0.004 * rng.normal(size=(len(ball.vertices), 1))))
+    assert is_measured(rough)
+    assert sample_mesh(rough, 0)[2] is None
+
+
+def ball_of(n: int) -> Mesh:
+    """A sphere of radius 1 in n / 2 rings of n corners."""
+    high, around = np.meshgrid(np.linspace(0, np.pi, n // 2)[1:-1], np.arange(n) * 2 * np.pi / n, indexing="ij")
+    ring = np.stack([np.sin(high) * np.cos(around), np.sin(high) * np.sin(around), np.cos(high)], axis=-1)
+    at = np.arange(high.size).reshape(high.shape)
+    a, b, c, d = at[:-1], at[1:], np.roll(at[1:], -1, axis=1), np.roll(at[:-1], -1, axis=1)
+    top, low = np.full(n, high.size), np.full(n, high.size + 1)
+    caps = [(at[0], np.roll(at[0], -1), top), (np.roll(at[-1], -1), at[-1], low)]
+    faces = [np.column_stack([x.ravel() for x in t]) for t in ((a, b, c), (a, c, d), *caps)]
+    return Mesh(np.vstack([ring.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]]), np.vstack(faces))
