@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from sed2cad.components import components
 from sed2cad.segmentation.choose import Choice, choose
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances, data_cost, mean_field, reach
 from sed2cad.segmentation.graph import Graph
+from sed2cad.segmentation.strips import along_strips, bridged, groups, strip_pairs
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -23,9 +23,6 @@ Labels = NDArray[np.int64]
 Key = tuple[int, int, int]
 
 FEWEST = 4  # points that make a patch
-SURE = 3.0  # chance leaves a gap of SURE + log n mean distances in a strip of n points with probability exp(-SURE)
-STRIP = 0.6  # spacings: a patch with less than one point per so much of its length is a strip
-FARTHEST = 25.0  # spacings that a strip is followed across
 
 
 @dataclass(frozen=True)
@@ -91,7 +88,9 @@ class Refiner:
         cost = self._cost(state)
         price = 1.5 if final else 0.6  # of leaving a point unexplained; at first cheap, so that gaps show
         unexplained = np.full((self.graph.size, 1), price * self.tolerances.cap)
-        allowed = reach(state.labels, cost, self.adjacency, self.tolerances.cap) | self._along_strips(state, cost)
+        allowed = reach(state.labels, cost, self.adjacency, self.tolerances.cap)
+        explained = cost < 0.5 * self.tolerances.cap
+        allowed |= along_strips(self.points, self.graph.spacing, state.labels, explained)
         full = np.hstack([np.where(allowed, cost, np.inf), unexplained])
         full = self._drop(full)
         labels = mean_field(full, self.adjacency, self.tolerances.smoothness)
@@ -115,7 +114,7 @@ class Refiner:
     def split(self, state: State) -> State:
         """Each connected piece of a patch becomes a patch of its own; crumbs lose their label."""
         i, j = self.graph.pairs.T
-        pieces = self._bridged(state.labels, self.graph.components(state.labels[i] == state.labels[j]))
+        pieces = bridged(self.points, state.labels, self.graph.components(state.labels[i] == state.labels[j]))
         size = np.bincount(pieces)
         keep = (size[pieces] >= FEWEST) & (state.labels >= 0)
         labels = np.unique(pieces[keep], return_inverse=True)[1]
@@ -123,21 +122,6 @@ class Refiner:
         out = np.full(self.graph.size, UNEXPLAINED)
         out[keep] = labels
         return State(out, tuple(state.primitives[k] for k in first))
-
-    def _bridged(self, labels: Labels, pieces: Labels) -> Labels:
-        """Pieces (n,) of one patch joined where the gap between them is one that chance leaves in a narrow strip."""
-        pairs = []
-        for members in groups(labels):
-            own = pieces[members]
-            if (own == own[0]).all():
-                continue
-            of_piece = groups(np.unique(own, return_inverse=True)[1])
-            length = sum(extent(self.points[members[piece]]) for piece in of_piece)
-            reach = widest_gap(length, len(members))
-            pairs.append(members[cKDTree(self.points[members]).query_pairs(reach, output_type="ndarray")])
-        if not pairs:
-            return pieces
-        return components(int(pieces.max()) + 1, pieces[np.concatenate(pairs)])[1][pieces]
 
     def refit(self, state: State) -> State:
         """Every patch chooses its kind again and fits it."""
@@ -245,40 +229,9 @@ class Refiner:
         low, high = self.points[members].min(axis=0) - margin, self.points[members].max(axis=0) + margin
         return np.flatnonzero(((self.points > low) & (self.points < high)).all(axis=1))
 
-    def _along_strips(self, state: State, cost: Array) -> NDArray[np.bool_]:
-        """Which points (n, k) a narrow strip may claim beyond its neighbours: those that it explains, as far on as
-        chance may leave two points of it apart."""
-        claimed = np.zeros(cost.shape, bool)
-        for column, members in enumerate(groups(state.labels)):
-            each = extent(self.points[members]) / len(members)
-            if each <= STRIP * self.graph.spacing:
-                continue
-            explained = np.flatnonzero(cost[:, column] < 0.5 * self.tolerances.cap)
-            gap = min(widest_gap(each * len(members), len(members)), FARTHEST * self.graph.spacing)
-            pairs = cKDTree(self.points[explained]).query_pairs(gap, output_type="ndarray")
-            piece = components(len(explained), pairs)[1]
-            own = np.unique(piece[np.isin(explained, members)])
-            claimed[explained, column] = np.isin(piece, own)
-        return claimed
-
-    def _strip_pairs(self, labels: Labels) -> NDArray[np.int64]:
-        """Pairs (m, 2) of points of narrow strips, as near as chance may leave two points of one strip."""
-        each, gap = np.zeros(len(labels)), np.zeros(len(labels))  # of its patch: length per point, and widest gap
-        for members in groups(labels):
-            length = extent(self.points[members])
-            each[members], gap[members] = length / len(members), widest_gap(length, len(members))
-        strips = np.flatnonzero(each > STRIP * self.graph.spacing)
-        if len(strips) < 2:
-            return np.empty((0, 2), np.int64)
-        reach = FARTHEST * self.graph.spacing
-        pairs = strips[cKDTree(self.points[strips]).query_pairs(reach, output_type="ndarray")]
-        i, j = pairs.T
-        apart = np.linalg.norm(self.points[i] - self.points[j], axis=1)
-        return pairs[apart < np.maximum(gap[i], gap[j])]
-
     def _near_pairs(self, state: State) -> list[tuple[int, int]]:
         """Pairs of patches that come near each other without a crease between, most common first."""
-        i, j = np.vstack([self.near, self._strip_pairs(state.labels)]).T
+        i, j = np.vstack([self.near, strip_pairs(self.points, self.graph.spacing, state.labels)]).T
         a, b = state.labels[i], state.labels[j]
         across = (a != b) & (a >= 0) & (b >= 0)
         base = len(state.primitives)
@@ -296,25 +249,6 @@ class Refiner:
         out = np.full(len(state.labels), UNEXPLAINED)
         out[state.labels >= 0] = labels
         return State(out, tuple(state.primitives[k] for k in used))
-
-
-def widest_gap(length: float, count: int) -> float:
-    """What chance may leave between two of `count` points along a strip."""
-    return (SURE + float(np.log(count))) * length / count
-
-
-def extent(points: Array) -> float:
-    """Diagonal of the box of points (n, 3)."""
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
-
-
-def groups(labels: Labels) -> list[NDArray[np.int64]]:
-    """Members of each label from 0 up, in order; labels below 0 are left out."""
-    order = np.argsort(labels, kind="stable")
-    order = order[labels[order] >= 0]
-    if not len(order):
-        return []
-    return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
 
 
 def _key(members: NDArray[np.int64]) -> Key:

@@ -9,7 +9,8 @@ from sed2cad.fitting import select
 from sed2cad.segmentation.choose import plausible
 from sed2cad.segmentation.energy import Tolerances
 from sed2cad.segmentation.graph import Graph
-from sed2cad.segmentation.refine import State, groups
+from sed2cad.segmentation.refine import State
+from sed2cad.segmentation.strips import groups
 
 Array = NDArray[np.float64]
 
