@@ -197,8 +197,9 @@ def _roughness(profile: Profile, count: int) -> Array:
 
 
 def blank(course: Course, spans: int) -> Profile:
-    """Even knots along a course, with nothing fitted yet."""
+    """Even knots along a course, with nothing fitted yet; a closed one takes as many spans as its degree, at least."""
     if course.closed:
+        spans = max(spans, DEGREE)
         knots = course.length / spans * np.arange(-DEGREE, spans + DEGREE + 1)
     else:
         inner = np.linspace(0, course.length, spans + 1)

@@ -15,6 +15,7 @@ from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.profile import Profile
+from sed2cad.primitives.profile_fit import Course, _basis, blank
 from sed2cad.primitives.registry import primitive_class
 from sed2cad.primitives.revolution import Revolution, reaching
 from sed2cad.primitives.swept_align import align_swept
@@ -245,6 +246,14 @@ def test_points_without_extent_make_no_swept_surface() -> None:
         for points in (curve, np.zeros((90, 3)), curve[:20]):
             found = fitted(points, curve[: len(points)])
             assert found is None or np.isfinite(found.surface.distance(points)).all()
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_profile_of_few_points_has_its_basis(closed: bool) -> None:
+    """A closed one of two spans would overlap itself: a patch of 34 points ended the whole reconstruction."""
+    along = np.linspace(0, 1, 34)
+    basis = _basis(blank(Course(along, 1.0, closed), 2), along)
+    np.testing.assert_allclose(basis.sum(axis=1), 1)
 
 
 def test_what_is_simpler_still_is_that() -> None:
