@@ -62,13 +62,9 @@ class Mending:
         mesh = self.traced.proxy
         own = np.flatnonzero(self.traced.labels == region)
         if len(own) == 0:  # a wall that was put in
-            points, patch = self.base.topology.regions[region].points, self.base.fitted[self._surface(region)]
-            return Cloud(points, patch.sign * patch.primitive.normal(points))
+            return self.base.cloud(region)
         own = own[np.linspace(0, len(own) - 1, min(len(own), _CLOUD)).astype(np.int64)]
         return Cloud(mesh.centroids()[own], mesh.face_normals()[0][own])
-
-    def _surface(self, region: int) -> int:
-        return self.base.topology.regions[region].primitive
 
     def replace(self, region: int) -> None:
         """Take the next kind of face for a region."""

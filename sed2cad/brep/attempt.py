@@ -63,6 +63,12 @@ class Attempt:
     freeform: frozenset[int] = frozenset()  # primitives that stand in for an exact one that failed
     facets: Mapping[int, Cloud] = field(default_factory=dict)  # regions to be made of facets that follow a cloud
 
+    def cloud(self, number: int) -> Cloud:
+        """The points of a region and the normals of its surface there."""
+        region = self.topology.regions[number]
+        patch = self.fitted[region.primitive]
+        return Cloud(region.points, patch.sign * patch.primitive.normal(region.points))
+
     def loosened(self) -> Attempt:
         """The attempt with no surface under the regions that are to be facets."""
         if not self.facets:
@@ -124,7 +130,7 @@ def assemble(attempt: Attempt) -> AssemblyResult:
     except OpenFace as error:
         if not _is_small_freeform(attempt, error.region):
             raise
-        return assemble(replace(attempt, facets={**attempt.facets, error.region: _cloud(attempt, error.region)}))
+        return assemble(replace(attempt, facets={**attempt.facets, error.region: attempt.cloud(error.region)}))
 
 
 def _is_small_freeform(attempt: Attempt, number: int) -> bool:
@@ -132,13 +138,6 @@ def _is_small_freeform(attempt: Attempt, number: int) -> bool:
     regions = attempt.topology.regions
     small = regions[number].area < _SMALL * sum(region.area for region in regions)
     return small and attempt.fitted[regions[number].primitive].primitive.freeform
-
-
-def _cloud(attempt: Attempt, number: int) -> Cloud:
-    """The points of a region and the normals of its surface there."""
-    region = attempt.topology.regions[number]
-    patch = attempt.fitted[region.primitive]
-    return Cloud(region.points, patch.sign * patch.primitive.normal(region.points))
 
 
 def _assembled_straight_or_bent(attempt: Attempt) -> AssemblyResult:
