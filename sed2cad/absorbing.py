@@ -12,12 +12,13 @@ from scipy.spatial import cKDTree
 
 from sed2cad.fitting import angle_noise
 from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.refine import median_size
 from sed2cad.primitives.robust_fit import FINEST
-from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.energy import Tolerances, data_cost
 
 _NEIGHBOURS = 12
+_NORMAL = 1.4826  # standard deviation of a normal distribution over the median of its sizes
 _MOST = 400  # points of a chip: larger patches have a middle that tells them from their borders
 
 
@@ -52,11 +53,12 @@ def absorbed(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
 
 
 def _tolerances(scan: Scan, own: NDArray[np.int64], patch: FittedPatch, angle: float) -> Tolerances:
-    """Deviations of the points and of their normals: of the scan, or of the chip from its own surface where larger."""
+    """Deviations of the points and of their normals: of the scan, or of most of the chip from its own surface where
+    larger."""
     points, normals = scan.points[own], scan.normals[own]
     return Tolerances(
-        distance=max(scan.noise, FINEST, root_mean_square(patch.primitive.distance(points))),
-        angle=max(angle, root_mean_square(patch.primitive.angles(points, normals))),
+        distance=max(scan.noise, FINEST, _NORMAL * median_size(patch.primitive.distance(points))),
+        angle=max(angle, _NORMAL * median_size(patch.primitive.angles(points, normals))),
     )
 
 

@@ -37,7 +37,7 @@ UNREGULARISED = "exact, not regularised"
 MENDED = "mended"
 _MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
 _LEAST_SECONDS = 12.0  # of an attempt, and of mending, however late
-FACET_COUNTS = (1500, 12_000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
+FACET_COUNTS = (1500, 3000, 6000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
 
 
 @dataclass(frozen=True)
@@ -243,15 +243,20 @@ def _facets(
         outcome = run_isolated(faceted_solid, attempt, settings.attempt_seconds)
         reason = _fault(outcome)
         done("assemble", f"{FACETS}: {reason or 'closed'}")
-        if isinstance(outcome, AssemblyResult):
+        if isinstance(outcome, AssemblyResult) and (best is None or _sound(outcome) >= _sound(best.solid)):
             names = face_names(outcome, fitted)
             best = Assembly(tuple(fitted), nothing, outcome, names, FACETS, tuple(failures))
-            if outcome.gate.closed and outcome.gate.valid:
-                return best
+        if not reason:
+            break
         failures.append(f"{FACETS}: {reason}")
     if best is None:
         raise AssemblyError(f"no closed solid could be built ({failures[-1]})")
     return best
+
+
+def _sound(solid: AssemblyResult) -> bool:
+    """Whether it is a closed valid solid, however well it follows the scan."""
+    return solid.gate.closed and solid.gate.valid
 
 
 def reassemble(frame: Frame, fitted: Sequence[FittedPatch], topology: Topology) -> AssemblyResult:

@@ -17,7 +17,7 @@ Meeting = Literal["crossing", "touching", "resting"]
 
 SHALLOW = np.radians(15.0)  # wider angles between the normals always cross
 LEVEL = np.radians(3.0)  # narrower ones never cross
-_REACH = 0.04  # unit frame: how far sideways the place where the normals agree may lie
+REACH = 0.04  # unit frame: how far sideways the place where the normals agree may lie
 _STEP = 1e-5  # unit frame: for differences of normals
 
 
@@ -103,4 +103,4 @@ def touches(a: Side, b: Side, points: Array) -> bool:
         return angle < LEVEL
     if a.free or b.free:
         return True
-    return angle < _REACH * float(np.median(relative_curvature(a, b, middle(points)).curvature))
+    return angle < REACH * float(np.median(relative_curvature(a, b, middle(points)).curvature))
