@@ -70,6 +70,29 @@ def test_a_chamfer_stays(measured: bool) -> None:
     assert len(absorbed(less, fit_patches(less, patches(truth[keep])))) == 7
 
 
+def test_a_small_face_stays_though_it_has_points_of_others() -> None:
+    """A rounded edge, of which a few points are known, and two strangers among them."""
+    points, normals, face = box((1.0, 0.8, 0.5), 30_000)
+    scan, truth = scanned(points, face, normals)
+    radius, few = 0.01, 16
+    angle, along = np.linspace(0.1, np.pi / 2 - 0.1, few), np.random.default_rng(0).uniform(0.2, 0.3, few)
+    out = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(few)])
+    round_ = np.array([0.5 - radius, 0.4 - radius, 0]) + radius * out + along[:, None] * np.eye(3)[2]
+    strangers = scan.frame.to_world(scan.points[truth == 4][:2])
+    scan = Scan(
+        np.vstack([scan.points, scan.frame.to_unit(np.vstack([round_, strangers]))]),
+        np.vstack([scan.normals, out, -out[:2]]),
+        None,
+        scan.frame,
+        0.0,
+        scan.spacing,
+    )
+    labels = np.concatenate([truth, np.full(few + 2, 6)])
+    own = np.flatnonzero(labels == 6)
+    found = fit_patches(scan, [*patches(truth), Patch(own, "cylinder", np.ones(len(own), bool))])
+    assert len(absorbed(scan, found)) == 7
+
+
 def test_order_and_untouched_patches_are_kept() -> None:
     points, normals, face = box((1.0, 0.8, 0.5), 5_000)
     scan, truth = scanned(points, face, normals)

@@ -70,6 +70,20 @@ def test_an_open_shell_is_kept_and_said(monkeypatch: pytest.MonkeyPatch) -> None
     assert any("the shell is not closed" in warning for warning in report.warnings)
 
 
+def test_facets_that_fail_are_tried_finer(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+
+    def bad_at_first(payload: Any) -> Any:
+        counts.append(len(payload.mesh.faces))
+        made = assemble_faceted(payload)
+        return replace(made, gate=replace(made.gate, passed=False, reason="no good")) if len(counts) < 3 else made
+
+    kernel(monkeypatch, bad_at_first)
+    report = sed2cad.reconstruct(box_scan()).report
+    assert report.closed and report.rung == "facets" and len(counts) == 3
+    assert counts[0] < counts[1] < counts[2]
+
+
 def test_nothing_at_all_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     kernel(monkeypatch, lambda payload: Failure("timeout", "the CAD kernel did not finish"))
     with pytest.raises(AssemblyError, match="did not finish"):

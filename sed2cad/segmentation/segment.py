@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from scipy.spatial import cKDTree
 from sed2cad.network.predict import PointLabels
 from sed2cad.network.types import BSPLINE
 from sed2cad.primitives.base import Patch
+from sed2cad.primitives.refine import median_size
 from sed2cad.primitives.robust_fit import FINEST
 from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances
@@ -20,6 +22,7 @@ from sed2cad.segmentation.linkage import average_linkage, pair_evidence
 from sed2cad.segmentation.mean_shift import mean_shift
 from sed2cad.segmentation.refine import FEWEST, Refiner, State
 from sed2cad.segmentation.settle import settle
+from sed2cad.segmentation.strips import groups
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -27,6 +30,9 @@ Labels = NDArray[np.int64]
 COARSE = 10_000  # points that the first refinement sees: those that the network sees
 FINE = 100_000  # points that the second one sees; of a scan with more, the others follow their neighbours
 FINE_ROUNDS = 2
+SHARP_ROUNDS = 3
+SHARPEST = 0.045  # radians: deviation of normals that come with the points; a tessellation leaves as much
+SLACK = 3.0  # times the usual deviation of the normals: what small faces may have
 FLOOR = 3e-4  # unit frame: facets and rounding leave deviations of this size on a clean scan
 UNEVEN = 5e-3  # unit frame: deviation of an uneven surface from the simple one that is meant
 MANY = 100  # patches
@@ -51,6 +57,10 @@ class Level:
         part = None if scan.part is None or scan.noise > FLOOR else scan.part[rows]
         return cls(rows, points, normals, neighbour_graph(points, normals, spacing, tolerances.distance, part))
 
+    def refiner(self, tolerances: Tolerances, freeform: Array) -> Refiner:
+        """The refinement of these points; freeform (m,) as it wants it."""
+        return Refiner(self.points, self.normals, self.graph, tolerances, freeform)
+
 
 @dataclass(frozen=True)
 class Segmentation:
@@ -63,23 +73,27 @@ class Segmentation:
 def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float = UNEVEN) -> Segmentation:
     """Patches of the scan: what the network and smooth pieces propose, refined by the primitives they lead to.
 
-    First on the points that the network sees, then, where there are more, on all of them: the small faces that were
-    a handful of points are found there. A surface more uneven than the noise of a real scan, as cast and bent things
-    have, falls to pieces of all kinds; then `most` is taken for its noise.
+    First on the points that the network sees, with a wide tolerance of their normals and, where these turn out to be
+    better, with a narrow one. Then, where there are more, on all points: the small faces that were a handful of them
+    are found there. A surface more uneven than the noise of a real scan, as cast and bent things have, falls to pieces
+    of all kinds; then `most` is taken for its noise.
     """
     uneven = max(scan.noise, most) if scan.noise > FINEST else scan.noise
     for noise in sorted({scan.noise, uneven}):
         tolerances = Tolerances(distance=max(FLOOR, noise))
         level = Level.of(scan, labels.seen if labels is not None else _some(scan, COARSE, seed), tolerances)
         freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else np.zeros(len(level.rows))
-        refiner = Refiner(level.points, level.normals, level.graph, tolerances, freeform)
-        state = refiner.run(_proposals(level.graph, labels, seed))
+        state = level.refiner(tolerances, freeform).run(_proposals(level.graph, labels, seed))
         if not falls_to_pieces([choice.primitive.kind for choice in state.primitives]):
             break
+    angle = _turned(level, state)
+    if scan.noise <= FINEST and angle < tolerances.angle:
+        tolerances = replace(tolerances, angle=angle)
+        state = level.refiner(tolerances, freeform).improve(state, SHARP_ROUNDS)
     if len(scan.points) > len(level.rows):
         fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
         nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
-        refiner = Refiner(fine.points, fine.normals, fine.graph, tolerances, freeform[nearest])
+        refiner = fine.refiner(tolerances, freeform[nearest])
         state = State(state.labels[nearest], state.primitives)
         if scan.part is not None:
             state = refiner.start([state.labels, _large(scan.part[fine.rows])])
@@ -130,6 +144,16 @@ def spread(level: Level, labels: Labels, points: Array, normals: Array) -> Label
 def _some(scan: Scan, most: int, seed: int) -> NDArray[np.int64]:
     """At most so many of the points, ascending, the same for the same seed."""
     return np.sort(np.random.default_rng(seed).permutation(len(scan.points))[:most])
+
+
+def _turned(level: Level, state: State) -> float:
+    """The deviation of normals from their surfaces, radians, that tells one small face from another."""
+    angles = [
+        choice.primitive.angles(level.points[members], level.normals[members])
+        for members, choice in zip(groups(state.labels), state.primitives)
+        if choice.primitive.freedom
+    ]
+    return max(SHARPEST, SLACK * median_size(np.concatenate(angles)) if angles else math.inf)
 
 
 def _large(labels: Labels) -> Labels:

@@ -72,6 +72,14 @@ def _chain(angle: float) -> np.ndarray:
     )
 
 
+def test_a_short_chain_may_stray_off_where_tangent_surfaces_touch() -> None:
+    """Of surfaces that cross at such an angle the shapes say so."""
+    cylinder, chain = Side(Cylinder(Y, np.zeros(3), 0.1), 1), _chain(np.radians(20))
+    assert meeting(Side(Plane(Z, 0.1), 1), cylinder, chain) == "touching"
+    assert meeting(Side(Plane(Z, 0.1 * np.cos(np.radians(20))), 1), cylinder, chain) == "crossing"
+    assert meeting(Side(Plane(Z, 0.1), 1), cylinder, _chain(np.radians(60))) == "crossing"
+
+
 def test_crossing_touching_resting() -> None:
     cylinder = Side(Cylinder(Y, np.zeros(3), 0.1), 1)
     assert meeting(Side(Plane(X, 0.05), 1), cylinder, _chain(np.pi / 6)) == "crossing"

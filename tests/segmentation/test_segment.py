@@ -62,6 +62,18 @@ def test_steps_of_a_mesh_lower_than_the_tolerance_are_kept() -> None:
         assert len(np.unique(scan.part[patch.indices])) == 1
 
 
+def test_a_strip_under_a_few_degrees_is_a_face() -> None:
+    """Exact normals tell it from the plane beside it; a tolerance that is meant for rough ones does not."""
+    drop = 0.04 * np.tan(np.radians(6))
+    mesh = extruded([(-0.3, 0), (0.3, 0), (0.3, 0.2 - drop), (0.26, 0.2), (-0.3, 0.2)], 0.3)
+    normals, areas = mesh.face_normals()
+    rng = np.random.default_rng(0)
+    triangle = rng.choice(len(areas), 1200, p=areas / areas.sum())
+    points = np.einsum("nk,nkx->nx", rng.dirichlet((1, 1, 1), 1200), mesh.vertices[mesh.faces[triangle]])
+    patches = segment(scan_of(points, normals[triangle]), None).patches
+    assert [p.kind for p in patches] == ["plane"] * 7
+
+
 def test_drum_is_a_cylinder_and_two_planes() -> None:
     points, normals, face = drum(0.25, 0.6, 3000)
     patches = segment(scan_of(points, normals), None).patches
