@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 from sed2cad.network.predict import PointLabels
 from sed2cad.network.types import BSPLINE
 from sed2cad.primitives.base import Patch
-from sed2cad.primitives.refine import median_size
 from sed2cad.primitives.robust_fit import FINEST
 from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances
@@ -31,8 +30,8 @@ COARSE = 10_000  # points that the first refinement sees: those that the network
 FINE = 100_000  # points that the second one sees; of a scan with more, the others follow their neighbours
 FINE_ROUNDS = 2
 SHARP_ROUNDS = 3
-SHARPEST = 0.045  # radians: deviation of normals that come with the points; a tessellation leaves as much
-SLACK = 3.0  # times the usual deviation of the normals: what small faces may have
+SHARPEST = 0.045  # radians: no normals are trusted more, as a tessellation leaves that much
+NEARLY_ALL = 0.98
 FLOOR = 3e-4  # unit frame: facets and rounding leave deviations of this size on a clean scan
 UNEVEN = 5e-3  # unit frame: deviation of an uneven surface from the simple one that is meant
 MANY = 100  # patches
@@ -147,13 +146,14 @@ def _some(scan: Scan, most: int, seed: int) -> NDArray[np.int64]:
 
 
 def _turned(level: Level, state: State) -> float:
-    """The deviation of normals from their surfaces, radians, that tells one small face from another."""
-    angles = [
-        choice.primitive.angles(level.points[members], level.normals[members])
+    """How far nearly all normals of round faces turn out to be off, radians; of all faces, where none is round."""
+    found = [
+        (choice.primitive.kind != "plane", choice.primitive.angles(level.points[members], level.normals[members]))
         for members, choice in zip(groups(state.labels), state.primitives)
         if choice.primitive.freedom
     ]
-    return max(SHARPEST, SLACK * median_size(np.concatenate(angles)) if angles else math.inf)
+    angles = [angle for is_round, angle in found if is_round] or [angle for _, angle in found]
+    return max(SHARPEST, float(np.quantile(np.concatenate(angles), NEARLY_ALL))) if angles else math.inf
 
 
 def _large(labels: Labels) -> Labels:
