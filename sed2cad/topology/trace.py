@@ -10,6 +10,7 @@ import numpy as np
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Mesh, Scan
+from sed2cad.topology.bridges import bridged_labels
 from sed2cad.topology.caps import missing_cap
 from sed2cad.topology.chains import build_topology
 from sed2cad.topology.closing import closable
@@ -47,7 +48,11 @@ def trace(
     near = adjacency(mesh)
     costs = data_costs(mesh, scan, fitted, points)
     labels = label_triangles(mesh, near, costs, smoothness)
-    labels = cleaned_labels(mesh, near, costs, labels, support_of(mesh, scan, points))
+    support = support_of(mesh, scan, points)
+    labels = cleaned_labels(mesh, near, costs, labels, support)
+    whole = bridged_labels(scan, fitted, mesh, near, labels)
+    if (whole != labels).any():
+        labels = cleaned_labels(mesh, near, costs, whole, support)
     return _with_caps(scan, list(fitted), mesh, near, labels)
 
 
