@@ -1,8 +1,8 @@
 """Corners that the proxy mesh shows wrongly: faces in touch that are not, corners of too many faces.
 
 A mesh resolves nothing below its edge length. Where its corner cannot lie on all of its surfaces, it is
-split; where the solved ends of a short chain have passed each other, the other two faces are in touch
-instead.
+split; where the solved ends of a short chain have passed each other or there are none, the other two faces are in
+touch instead.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from sed2cad.geometry.web import Web
 from sed2cad.topology.model import Topology
 
 _FIT = 2e-3  # unit frame: a corner that misses its surfaces by less stays as it is
+_TORN = 3e-4  # unit frame: three crossing surfaces that miss their corner by more have none
+_BETTER = 0.2  # of that is left where other faces are in touch
 _SHORT = 0.04  # unit frame: longer chains do not turn over
 _FAR = 0.03  # unit frame: a new corner lies this near to the old one
 _ROUNDS = 3
@@ -76,7 +78,8 @@ def _split_if_impossible(web: Web, corner: int, sides: Sequence[Side], smooth: s
 
 
 def _turned_over(web: Web, k: int, sides: Sequence[Side], smooth: set[int]) -> Web:
-    """The web with the two other faces in touch along a short chain whose solved ends have changed places."""
+    """The web with the two other faces in touch along a short chain whose solved ends have changed places, or which
+    its surfaces leave no place for."""
     if k in web.dead or not _is_short(web, k):
         return web
     chain = web.chains[k]
@@ -87,13 +90,16 @@ def _turned_over(web: Web, k: int, sides: Sequence[Side], smooth: set[int]) -> W
         _solved(web, corner, [region for _, region in turn], sides)
         for corner, turn in zip((chain.start, chain.end), turns)
     )
-    if (end.position - start.position) @ (chain.points[-1] - chain.points[0]) >= 0:
+    torn = max(start.residual, end.residual)
+    in_order = (end.position - start.position) @ (chain.points[-1] - chain.points[0]) >= 0
+    if in_order and torn < _TORN:
         return web
     merged = web.contracted(k)
     regions = [region for _, region in merged.turn(chain.start)]
-    if not regions or _solved(merged, chain.start, regions, sides).residual < _FIT:
+    least, most = (_TORN, _BETTER * torn) if torn >= _TORN else (_FIT, _FIT)
+    if not regions or _solved(merged, chain.start, regions, sides).residual < least:
         return web
-    return _simplest(web, [_mended(merged, chain.start, sides)], _FIT)
+    return _simplest(web, [_mended(merged, chain.start, sides)], most)
 
 
 def _is_plain(turn: Sequence[tuple[tuple[int, int], int]], smooth: set[int], least: int) -> bool:

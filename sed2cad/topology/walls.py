@@ -28,6 +28,7 @@ _ALONG = 0.25  # of the height: a surface so near to the border runs along it
 _NEAR = 3.0  # spacings between the border and a point of such a patch
 _LOOSE = 0.8  # spacings: rms of the border from the wall that stands on it
 _LONG = 2.0  # heights: a shorter border with no such patch is a flaw of the mesh, where a corner is
+_LEAST_LENGTH = 4.0  # spacings, for the same reason
 _ROWS = 5  # of points on a wall
 
 
@@ -120,7 +121,7 @@ def _running_along(scan: Scan, step: Step, patches: Sequence[FittedPatch]) -> in
 
 def _standing_on(scan: Scan, step: Step, patches: Sequence[FittedPatch]) -> FittedPatch | None:
     """A plane or cylinder through the border, across the faces: like a plane that is there, if that will do."""
-    if step.length < _LONG * step.height:
+    if step.length < max(_LONG * step.height, _LEAST_LENGTH * scan.spacing):
         return None
     points, normals = step.rows()
     limit = _LOOSE * scan.spacing
