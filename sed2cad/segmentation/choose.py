@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,13 @@ from sed2cad.primitives.refine import refine
 from sed2cad.primitives.registry import primitive_class
 from sed2cad.primitives.robust_fit import thinned
 from sed2cad.primitives.starts import starts
+from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.segmentation.energy import Tolerances, data_cost
 
 Array = NDArray[np.float64]
 
 MOST_POINTS = 240
+NUMBER = 0.75  # price of a number that shapes or places a surface, per log n; smoothing ties half of a spline's
 LIKELY = 0.5
 NEAR = 2.0  # mean data cost of a kind that may be the right one
 SIMPLE_FIRST = ("plane", "cylinder", "sphere", "cone", "torus")
@@ -25,15 +27,17 @@ SIMPLE_FIRST = ("plane", "cylinder", "sphere", "cone", "torus")
 
 @dataclass(frozen=True)
 class Choice:
-    """A primitive, the side of it that is outside (sign), and its data cost over the points."""
+    """A primitive, the side of it that is outside (sign), its data cost over the points, and what its numbers cost
+    (Schwarz 1978, with a stricter price than his)."""
 
     primitive: Primitive
     sign: int
     cost: float
+    price: float
 
 
 def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: float = 0.0) -> Choice | None:
-    """The kind of least data cost + 3/2 freedom log n over points (n, 3) (Schwarz 1978, with a stricter price).
+    """The kind of least data cost + price over points (n, 3).
 
     Simple kinds first; a kind that leaves nothing to explain ends the search. A B-spline is tried where the analytic
     kinds leave much and the points are likely to be `freeform` (probability).
@@ -49,9 +53,8 @@ def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: floa
         found = _fit(kind, points, normals, tolerances)
         if found is None:
             continue
-        price = found.cost + 0.75 * freedom * np.log(len(points))
-        if price < least:
-            best, least = found, price
+        if found.cost + found.price < least:
+            best, least = found, found.cost + found.price
         if best is not None and best.cost < (0.5 if kind == "plane" else 0.7) * len(points):
             break
     if freeform > LIKELY and len(points) >= 16 and (best is None or best.cost > 1.5 * len(points)):
@@ -59,7 +62,7 @@ def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: floa
         rated = None if surface is None else _rate(surface, points, normals, tolerances)
         if rated is not None and (best is None or rated.cost < 0.7 * best.cost):
             best = rated
-    return best and Choice(best.primitive, best.sign, best.cost * count / len(points))
+    return best and replace(best, cost=best.cost * count / len(points))
 
 
 def plausible(points: Array, normals: Array, tolerances: Tolerances) -> list[str]:
@@ -84,4 +87,6 @@ def _fit(kind: str, points: Array, normals: Array, tolerances: Tolerances) -> Ch
 
 def _rate(primitive: Primitive, points: Array, normals: Array, tolerances: Tolerances) -> Choice:
     sign = primitive.side(points, normals)
-    return Choice(primitive, sign, float(data_cost(primitive, sign, points, normals, tolerances).sum()))
+    cost = float(data_cost(primitive, sign, points, normals, tolerances).sum())
+    numbers = primitive.shape_numbers / 2 if isinstance(primitive, TensorPatch) else primitive.freedom
+    return Choice(primitive, sign, cost, NUMBER * numbers * float(np.log(len(points))))

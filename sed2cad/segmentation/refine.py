@@ -191,6 +191,7 @@ class Refiner:
                 continue
             apart = self._data_cost(primitives[a], of_a).sum() + self._data_cost(primitives[b], of_b).sum()
             together = self._data_cost(joint, np.r_[of_a, of_b]).sum()
+            together += max(joint.price - primitives[a].price - primitives[b].price, 0.0)
             if together > apart + min(self.tolerances.primitive, float(min(len(of_a), len(of_b)))):
                 self.apart.add(pair)
             else:
