@@ -85,9 +85,9 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
         state = level.refiner(tolerances, freeform).run(_proposals(level.graph, labels, seed))
         if not falls_to_pieces([choice.primitive.kind for choice in state.primitives]):
             break
-    angle = _turned(level, state)
-    if scan.noise <= FINEST and angle < tolerances.angle:
-        tolerances = replace(tolerances, angle=angle)
+    if scan.noise <= FINEST:
+        kinds = settle(level.points, level.normals, level.graph, state, tolerances, noise)
+        tolerances = replace(tolerances, angle=min(_turned(level, state, kinds), tolerances.angle))
         state = level.refiner(tolerances, freeform).improve(state, SHARP_ROUNDS)
     if len(scan.points) > len(level.rows):
         fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
@@ -145,12 +145,15 @@ def _some(scan: Scan, most: int, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).permutation(len(scan.points))[:most])
 
 
-def _turned(level: Level, state: State) -> float:
-    """How far nearly all normals of round faces turn out to be off, radians; of all faces, where none is round."""
+def _turned(level: Level, state: State, kinds: Sequence[str]) -> float:
+    """How far nearly all normals of round faces turn out to be off, radians; of all faces, where none is round.
+
+    Only patches whose kind is the settled one tell: others are several faces in one.
+    """
     found = [
-        (choice.primitive.kind != "plane", choice.primitive.angles(level.points[members], level.normals[members]))
-        for members, choice in zip(groups(state.labels), state.primitives)
-        if choice.primitive.freedom
+        (kind != "plane", choice.primitive.angles(level.points[members], level.normals[members]))
+        for members, choice, kind in zip(groups(state.labels), state.primitives, kinds)
+        if kind == choice.primitive.kind and choice.primitive.freedom
     ]
     angles = [angle for is_round, angle in found if is_round] or [angle for _, angle in found]
     return max(SHARPEST, float(np.quantile(np.concatenate(angles), NEARLY_ALL))) if angles else math.inf
