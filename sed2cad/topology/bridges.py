@@ -15,6 +15,7 @@ from sed2cad.segmentation.strips import extent, widest_gap
 from sed2cad.topology.labelling import Adjacency
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.regions import connected
+from sed2cad.topology.samples import Mask
 
 _ON = 0.5  # spacings: the way over a gap stays so near to the surface
 
@@ -22,22 +23,22 @@ _ON = 0.5  # spacings: the way over a gap stays so near to the surface
 def bridged_labels(scan: Scan, fitted: Sequence[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels) -> Labels:
     """Labels (f,) in which the regions of a patch hang together over gaps that chance leaves between its points."""
     labels = labels.copy()
-    way = _ways(mesh, near)
+    ways = _ways(mesh, near)
     number, region = connected(labels, near)
     name = np.zeros(number, dtype=np.int64)
     name[region] = labels
-    for label in np.flatnonzero(np.bincount(name, minlength=len(fitted)) > 1):
+    for label in np.flatnonzero(np.bincount(name, minlength=len(fitted)) > 1).tolist():
         patch = fitted[label]
         points = scan.points[patch.patch.indices]
         if len(points) == 0:
             continue
         gap = widest_gap(extent(points), len(points))
         on = np.abs(patch.primitive.distance(mesh.centroids())) < _ON * scan.spacing
-        _bridge(labels, label, on, way, near, gap)
+        _bridge(labels, label, on, ways, near, gap)
     return labels
 
 
-def _bridge(labels: Labels, label: int, on: np.ndarray, way: csr_array, near: Adjacency, gap: float) -> None:
+def _bridge(labels: Labels, label: int, on: Mask, ways: csr_array, near: Adjacency, gap: float) -> None:
     """Give `label` the shortest ways over the triangles `on` (f,) its surface between its regions, in place."""
     while True:
         own = labels == label
@@ -46,7 +47,7 @@ def _bridge(labels: Labels, label: int, on: np.ndarray, way: csr_array, near: Ad
         open_ = np.flatnonzero(on | own)
         place = np.full(len(labels), -1)
         place[open_] = np.arange(len(open_))
-        graph = way[open_][:, open_]
+        graph = ways[open_][:, open_]
         found: list[tuple[float, Labels]] = []
         for piece in pieces[:-1]:
             start = place[np.flatnonzero(own & (region == piece))]

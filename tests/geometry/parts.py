@@ -169,6 +169,21 @@ def box(size: tuple[float, float, float] = (30.0, 20.0, 10.0)) -> Part:
     return b.part(sx * sy * sz, 2 * (sx * sy + sy * sz + sx * sz))
 
 
+def wedge(end: float) -> Part:
+    """A block that runs out, under 10 degrees, to a narrow wall: that between its first and its last corner."""
+    b = Builder()
+    length, height = 30.0, 20.0
+    slope = np.radians(10)
+    wide = end + length * np.tan(slope)
+    leaning = np.array([-np.sin(slope), np.cos(slope), 0.0])
+    walls = [b.face(Plane(-Y, 0.0)), b.face(Plane(X, length)), b.face(Plane(leaning, end * np.cos(slope)))]
+    walls.append(b.face(Plane(-X, 0.0)))
+    top, bottom = b.face(Plane(Z, height)), b.face(Plane(-Z, 0.0))
+    prism(b, [(0, 0), (length, 0), (length, wide), (0, end)], height, walls, top, bottom)
+    base, side = length * (end + wide) / 2, height * (length + wide + length / np.cos(slope) + end)
+    return b.part(base * height, 2 * base + side)
+
+
 def hip_roof(ridge: float = 4.0) -> Part:
     """Four slopes of 45 degrees over a rectangle; their two peaks are joined by a ridge along X.
 

@@ -77,6 +77,24 @@ def test_a_ridge_between_the_wrong_faces_is_turned_over() -> None:
     assert ridge_regions(mended(part, crossed)) == ridge_regions(part.topology)
 
 
+def test_faces_in_touch_that_leave_no_place_for_their_corners_are_parted() -> None:
+    """Two sides under 10 degrees do not meet where the wall between them is narrower than the mesh shows."""
+    part = parts.wedge(0.1)
+    number = 7  # of the chain between the narrow wall and the top
+    chain, sides = part.topology.chains[number], {0, 2}
+    merged = Web(part.topology).contracted(number)
+    turn = [region for _, region in merged.turn(chain.start)]
+    first = next(k for k in (0, 1) if {turn[k], turn[k + 2]} == sides)
+    apart = np.array([0.003, 0.0, -0.003]) * (1 if turn[(first + 1) % 4] == 3 else -1)
+    middle = merged.corners[chain.start]
+    crossed = merged.split(chain.start, first, first + 2, middle - apart, middle + apart).topology()
+    assert {crossed.chains[-1].left, crossed.chains[-1].right} == sides
+    realised = realise(mended(part, crossed), part.fitted)
+    assert (realised.corner_residuals < 1e-9).all()
+    assert all(edge is not None and edge.residual < 1e-9 for edge in realised.edges)
+    assert {chain.left, chain.right} in [{c.left, c.right} for c in realised.topology.chains]
+
+
 def test_what_fits_stays() -> None:
     for part in (parts.pyramid(), parts.box(), parts.hip_roof()):
         assert mended(part, part.topology).chains == part.topology.chains

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,8 +14,10 @@ from sed2cad.primitives.base import Patch
 from sed2cad.scan.prepare import prepare
 from sed2cad.scan.raw import RawScan
 from sed2cad.scan.scan import Frame, Scan
-from sed2cad.segmentation.energy import mean_field
+from sed2cad.segmentation.choose import choose
+from sed2cad.segmentation.energy import Tolerances, mean_field
 from sed2cad.segmentation.graph import neighbour_graph
+from sed2cad.segmentation.refine import Refiner, State
 from sed2cad.segmentation.segment import UNEVEN, falls_to_pieces, segment
 from tests.segmentation.shapes import box, drum, extruded
 
@@ -141,6 +145,30 @@ def test_mean_field_finds_the_least_energy_of_a_line() -> None:
     cost[3] = [0.5, 0.0]
     labels = mean_field(cost, graph.adjacency(), smoothness=0.6)
     assert labels.tolist() == [0] * 6 + [1] * 6
+
+
+def test_patches_become_freeform_only_where_that_pays_for_its_numbers() -> None:
+    """A monkey saddle in two halves is one face, unless the numbers of one that follows it were too dear."""
+    rng = np.random.default_rng(0)
+    flat = rng.uniform(-0.2, 0.2, (400, 2))
+    x, y = flat.T
+    saddle = np.column_stack([flat, 8 * (x**3 - 3 * x * y**2)])
+    across = np.column_stack([-24 * (x**2 - y**2), 48 * x * y, np.ones(400)])
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    freeform = choose(saddle, across, Tolerances(3e-4), freeform=1.0)
+    simple = choose(saddle * [1, 1, 0], np.tile([0.0, 0.0, 1.0], (400, 1)), Tolerances(3e-4), freeform=1.0)
+    assert freeform is not None and freeform.primitive.kind == "bspline"
+    assert simple is not None and simple.primitive.kind == "plane"
+    assert freeform.price > 3 * simple.price
+    graph = neighbour_graph(saddle, across, 0.02, 3e-4)
+    refiner = Refiner(saddle, across, graph, Tolerances(3e-4), np.ones(400))
+    labels = (flat[:, 0] > 0).astype(np.int64)
+    halves = tuple(replace(freeform, price=freeform.price / 2) for _ in range(2))
+    assert len(refiner.merge(State(labels, halves)).primitives) == 1
+    refiner.apart.clear()
+    dear = {key: found and replace(found, price=1e6) for key, found in refiner.chosen.items()}
+    refiner.chosen.update(dear)
+    assert len(refiner.merge(State(labels, halves)).primitives) == 2
 
 
 def test_graph_does_not_cross_a_thin_wall() -> None:
