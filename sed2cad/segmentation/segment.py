@@ -32,6 +32,7 @@ FINE_ROUNDS = 2
 SHARP_ROUNDS = 3
 SHARPEST = 0.045  # radians: no normals are trusted more, as a tessellation leaves that much
 NEARLY_ALL = 0.98
+OF_A_MESH = 0.99  # its bad normals come in groups, where the triangles are large
 FLOOR = 3e-4  # unit frame: facets and rounding leave deviations of this size on a clean scan
 UNEVEN = 5e-3  # unit frame: deviation of an uneven surface from the simple one that is meant
 MANY = 100  # patches
@@ -87,8 +88,10 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
             break
     if scan.noise <= FINEST:
         kinds = settle(level.points, level.normals, level.graph, state, tolerances, noise)
-        tolerances = replace(tolerances, angle=min(_turned(level, state, kinds), tolerances.angle))
-        state = level.refiner(tolerances, freeform).improve(state, SHARP_ROUNDS)
+        angle = _turned(level, state, kinds, NEARLY_ALL if scan.part is None else OF_A_MESH)
+        if angle < tolerances.angle:
+            tolerances = replace(tolerances, angle=angle)
+            state = level.refiner(tolerances, freeform).improve(state, SHARP_ROUNDS)
     if len(scan.points) > len(level.rows):
         fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
         nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
@@ -145,8 +148,8 @@ def _some(scan: Scan, most: int, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).permutation(len(scan.points))[:most])
 
 
-def _turned(level: Level, state: State, kinds: Sequence[str]) -> float:
-    """How far nearly all normals of round faces turn out to be off, radians; of all faces, where none is round.
+def _turned(level: Level, state: State, kinds: Sequence[str], share: float) -> float:
+    """How far this share of the normals of round faces turns out to be off, radians; of all faces, where none is round.
 
     Only patches whose kind is the settled one tell: others are several faces in one.
     """
@@ -156,7 +159,7 @@ def _turned(level: Level, state: State, kinds: Sequence[str]) -> float:
         if kind == choice.primitive.kind and choice.primitive.freedom
     ]
     angles = [angle for is_round, angle in found if is_round] or [angle for _, angle in found]
-    return max(SHARPEST, float(np.quantile(np.concatenate(angles), NEARLY_ALL))) if angles else math.inf
+    return max(SHARPEST, float(np.quantile(np.concatenate(angles), share))) if angles else math.inf
 
 
 def _large(labels: Labels) -> Labels:
