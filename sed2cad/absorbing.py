@@ -12,13 +12,12 @@ from scipy.spatial import cKDTree
 
 from sed2cad.fitting import angle_noise
 from sed2cad.primitives.base import FittedPatch, Patch
-from sed2cad.primitives.refine import median_size
+from sed2cad.primitives.refine import usual_size
 from sed2cad.primitives.robust_fit import FINEST
 from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.energy import Tolerances, data_cost
 
 _NEIGHBOURS = 12
-_NORMAL = 1.4826  # standard deviation of a normal distribution over the median of its sizes
 _MOST = 400  # points of a chip: larger patches have a middle that tells them from their borders
 
 
@@ -57,8 +56,8 @@ def _tolerances(scan: Scan, own: NDArray[np.int64], patch: FittedPatch, angle: f
     larger."""
     points, normals = scan.points[own], scan.normals[own]
     return Tolerances(
-        distance=max(scan.noise, FINEST, _NORMAL * median_size(patch.primitive.distance(points))),
-        angle=max(angle, _NORMAL * median_size(patch.primitive.angles(points, normals))),
+        distance=max(scan.noise, FINEST, usual_size(patch.primitive.distance(points))),
+        angle=max(angle, usual_size(patch.primitive.angles(points, normals))),
     )
 
 

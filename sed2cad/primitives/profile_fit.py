@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.profile import DEGREE, Profile
-from sed2cad.primitives.refine import median_size
+from sed2cad.primitives.refine import usual_size
 from sed2cad.primitives.vectors import unit
 
 _CELLS = 60  # cells along the extent of the points that are ordered
@@ -220,10 +220,10 @@ def stiff_spans(profile: Profile, along: Array, residual: Array, sigma: float) -
     share = (at - borders[span]) / (borders[span + 1] - borders[span])
     cell = span * _BINS + np.clip((share * _BINS).astype(np.int64), 0, _BINS - 1)
     count = np.bincount(cell, minlength=spans * _BINS)
-    usual = max(sigma, 1.4826 * median_size(residual))
+    usual = max(sigma, usual_size(residual))
     residual = np.clip(residual, -_OUTLYING * usual, _OUTLYING * usual)
     mean = np.bincount(cell, residual, minlength=spans * _BINS) / np.maximum(count, 1)
-    scale = max(sigma, 1.4826 * median_size(residual - mean[cell]))
+    scale = max(sigma, usual_size(residual - mean[cell]))
     surprise = (count * (mean / scale) ** 2).reshape(spans, _BINS).sum(axis=1)
     halves = count.reshape(spans, 2, _BINS // 2).sum(axis=2).min(axis=1)
     return np.asarray((surprise > _BINS + _SURPRISE * np.sqrt(2 * _BINS)) & (halves >= _LEAST_POINTS))

@@ -190,7 +190,7 @@ def tukey_weights_and_slopes(residual: Array, noise: float, freedom: int) -> tup
 def _squares(residual: Array, noise: float, freedom: int) -> Array:
     """Squares (n,) of the residuals in units of the distance at which the weight ends, at most 1."""
     spare = max(len(residual) - freedom, 1) / len(residual)  # few points hug the surface: widen the scale
-    scale = max(noise, 1.4826 * median_size(residual) / np.sqrt(spare), _LEAST_SCALE)
+    scale = max(noise, usual_size(residual) / np.sqrt(spare), _LEAST_SCALE)
     return np.asarray(np.minimum((residual / (_TUKEY * scale)) ** 2, 1))
 
 
@@ -198,6 +198,11 @@ def median_size(residual: Array) -> float:
     """The median of |residual| (n,); a tenth of the time of numpy's."""
     middle = len(residual) // 2
     return float(np.partition(np.abs(residual), middle)[middle])
+
+
+def usual_size(residual: Array) -> float:
+    """Standard deviation of residuals (n,) if most of them are normal: 1.4826 times the median of their sizes."""
+    return 1.4826 * median_size(residual)
 
 
 def centred(primitive: Primitive, points: Array) -> Primitive:

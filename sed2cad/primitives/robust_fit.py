@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.plane import Plane
-from sed2cad.primitives.refine import median_size, refine, tukey_weights
+from sed2cad.primitives.refine import median_size, refine, tukey_weights, usual_size
 from sed2cad.primitives.starts import starts, weighted_plane
 
 _TRIAL_POINTS = 200  # to compare first guesses
@@ -130,7 +130,7 @@ def misfits(primitives: Sequence[Primitive], points: Array, normals: Array, nois
     """
     distances = np.stack([primitive.distance(points) for primitive in primitives])
     angles = np.stack([_angles(primitive, points, normals) for primitive in primitives])
-    sigma = max(noise, 1.4826 * min(median_size(row) for row in distances), 1e-9)
+    sigma = max(noise, min(usual_size(row) for row in distances), 1e-9)
     spread = max(1.4826**2 * min(median_size(row) for row in angles), _NORMAL_NOISE**2)
     by_distance = np.minimum((distances / sigma) ** 2, _OUTLIER).sum(axis=1)
     return np.asarray(by_distance + 0.3 * np.minimum(angles / spread, 9).sum(axis=1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sed2cad.primitives.base import Array, Primitive
-from sed2cad.primitives.refine import median_size, uncertainty
+from sed2cad.primitives.refine import uncertainty, usual_size
 from sed2cad.primitives.registry import ANALYTIC_KINDS
 from sed2cad.primitives.robust_fit import UNSEEN, robust_fit, thinned
 
@@ -52,5 +52,5 @@ def _explains(surface: Primitive, points: Array, unseen: float) -> bool:
 def _robust_rms(surface: Primitive, points: Array, unseen: float) -> float:
     """Of the distances, each counted up to what belongs."""
     residual = np.abs(surface.distance(points))
-    most = _FARTHEST * max(1.4826 * median_size(residual), unseen)
+    most = _FARTHEST * max(usual_size(residual), unseen)
     return float(np.sqrt(np.mean(np.minimum(residual, most) ** 2)))

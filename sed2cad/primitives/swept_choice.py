@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.primitives.base import Array, Primitive
-from sed2cad.primitives.refine import median_size, uncertainty
+from sed2cad.primitives.refine import uncertainty, usual_size
 from sed2cad.primitives.registry import ANALYTIC_KINDS
 from sed2cad.primitives.robust_fit import FINEST, explains, robust_fit, thinned
 from sed2cad.primitives.swept_fit import fit_extrusion, fit_revolution
@@ -91,7 +91,7 @@ class _Judge:
         residual = np.concatenate([piece.surface.distance(some) for piece, (some, _) in zip(given, seen)])
         turned = np.concatenate([piece.surface.angles(*some) for piece, some in zip(given, seen)])
         pieces = _pieces(points)
-        sigma = float(np.clip(1.4826 * median_size(residual), FINEST, _SLACK * max(noise, FINEST)))
+        sigma = float(np.clip(usual_size(residual), FINEST, _SLACK * max(noise, FINEST)))
         turn = float(np.clip(_TURNED * turned.mean(), *_TURN))
         judge = cls(points, normals, noise, sigma, pieces, 0.0, _misfit(residual, pieces, noise), turn)
         return replace(judge, most=judge.cost(residual, sum(piece.numbers for piece in given)))

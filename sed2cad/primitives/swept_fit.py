@@ -16,7 +16,7 @@ from sed2cad.primitives.base import Array
 from sed2cad.primitives.extrusion import Extrusion
 from sed2cad.primitives.profile import Profile
 from sed2cad.primitives.profile_fit import MOST_SPANS, Course, Sight, bent, blank, course, cut, stiff_spans
-from sed2cad.primitives.refine import median_size, tukey_weights
+from sed2cad.primitives.refine import median_size, tukey_weights, usual_size
 from sed2cad.primitives.revolution import Revolution, reaching
 from sed2cad.primitives.starts import revolution_axes
 from sed2cad.primitives.vectors import tangent_frame, unit
@@ -154,7 +154,7 @@ class _Fitting:
         """Biweights (n,) in the end; before that Cauchy's, which leave no point out for which knots may be missing."""
         if final:
             return tukey_weights(self.residual, self.sigma, self.surface.profile.numbers)
-        scale = _CAUCHY * max(self.sigma, 1.4826 * median_size(self.residual))
+        scale = _CAUCHY * max(self.sigma, usual_size(self.residual))
         return np.asarray(1 / (1 + (self.residual / scale) ** 2))
 
     def refined(self) -> SweptFit | None:

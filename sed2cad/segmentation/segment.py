@@ -86,12 +86,10 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
         state = level.refiner(tolerances, freeform).run(_proposals(level.graph, labels, seed))
         if not falls_to_pieces([choice.primitive.kind for choice in state.primitives]):
             break
-    if scan.noise <= FINEST:
-        kinds = settle(level.points, level.normals, level.graph, state, tolerances, noise)
-        angle = _turned(level, state, kinds, NEARLY_ALL if scan.part is None else OF_A_MESH)
-        if angle < tolerances.angle:
-            tolerances = replace(tolerances, angle=angle)
-            state = level.refiner(tolerances, freeform).improve(state, SHARP_ROUNDS)
+    angle = _turned(level, state, tolerances, scan)
+    if angle < tolerances.angle:
+        tolerances = replace(tolerances, angle=angle)
+        state = level.refiner(tolerances, freeform).improve(state, SHARP_ROUNDS)
     if len(scan.points) > len(level.rows):
         fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
         nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
@@ -148,17 +146,22 @@ def _some(scan: Scan, most: int, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).permutation(len(scan.points))[:most])
 
 
-def _turned(level: Level, state: State, kinds: Sequence[str], share: float) -> float:
-    """How far this share of the normals of round faces turns out to be off, radians; of all faces, where none is round.
+def _turned(level: Level, state: State, tolerances: Tolerances, scan: Scan) -> float:
+    """How far nearly all normals of round faces turn out to be off, radians; of all faces, where none is round.
 
-    Only patches whose kind is the settled one tell: others are several faces in one.
+    Only patches whose kind is the settled one tell: others are several faces in one. Infinite where nothing tells, or
+    where the points themselves are noisy.
     """
+    if scan.noise > FINEST:
+        return math.inf
+    kinds = settle(level.points, level.normals, level.graph, state, tolerances, scan.noise)
     found = [
         (kind != "plane", choice.primitive.angles(level.points[members], level.normals[members]))
         for members, choice, kind in zip(groups(state.labels), state.primitives, kinds)
         if kind == choice.primitive.kind and choice.primitive.freedom
     ]
     angles = [angle for is_round, angle in found if is_round] or [angle for _, angle in found]
+    share = NEARLY_ALL if scan.part is None else OF_A_MESH
     return max(SHARPEST, float(np.quantile(np.concatenate(angles), share))) if angles else math.inf
 
 
