@@ -86,10 +86,10 @@ def by_network(scan: Scan, settings: Settings, clock: Clock) -> tuple[Scan, list
     clock.done("network", "types, edges and descriptors of every point")
     found = segment(scan, labels, settings.seed, scan.noise if settings.tolerance else UNEVEN)
     clock.done("segment", f"{len(found.patches)} patches")
-    if found.noise > scan.noise:
-        off = f"{_FARTHEST * found.noise * scan.frame.scale:.2g} {settings.unit}"
+    if found.scan.noise > scan.noise:
+        off = f"{_FARTHEST * found.scan.noise * scan.frame.scale:.2g} {settings.unit}"
         warnings.warn(f"the surface is uneven: points may lie {off} off their faces (or say --tolerance)", stacklevel=2)
-    return replace(scan, noise=found.noise), found.patches
+    return found.scan, found.patches
 
 
 def label(scan: Scan, settings: Settings) -> PointLabels:

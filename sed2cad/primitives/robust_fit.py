@@ -140,5 +140,10 @@ def thinned(points: Array, normals: Array, most: int) -> tuple[Array, Array]:
     """At most so many of the points, spread over their order."""
     if len(points) <= most:
         return points, normals
-    chosen = np.linspace(0, len(points) - 1, most).astype(np.int64)
+    chosen = evenly(len(points), most)
     return points[chosen], normals[chosen]
+
+
+def evenly(count: int, most: int) -> NDArray[np.int64]:
+    """So many of the numbers (most,) below `count`, evenly spread."""
+    return np.linspace(0, count - 1, most).astype(np.int64)

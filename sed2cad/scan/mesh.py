@@ -16,6 +16,7 @@ TOLERANCE = 1e-5
 FLAT = float(np.radians(1.0))
 """Turn of an edge between triangles of one plane, at most."""
 _COPLANAR = np.radians(0.2)
+_HALF = 0.65  # of a strip's arc, where strips differ a little
 _COARSEST = 3e-3  # diagonals: no round surface is this far off its triangles
 _NEARLY_ALL = 0.9
 _UNUSUAL = 2.0  # times what nearly all edges of round surfaces turn and lie off
@@ -123,6 +124,28 @@ def smooth_fans(mesh: Mesh, smooth: NDArray[np.int64]) -> NDArray[np.int64]:
     first = np.column_stack([smooth[:, 0], np.where(alike, smooth[:, 1], end[:, 1])])
     second = np.column_stack([end[:, 0], np.where(alike, end[:, 1], smooth[:, 1])])
     return components(len(corner), np.vstack([first, second]))[1].reshape(-1, 3)
+
+
+def planar_facets(mesh: Mesh, degrees: float) -> NDArray[np.int64]:
+    """The plane (f,) that each triangle is sure to lie on, -1 for none; edges that turn more than `degrees` are sharp.
+
+    Coplanar triangles are a face or a strip of a round one. Between strips an edge turns by one strip's arc, between a
+    plane and the first strip by half of that.
+    """
+    halves, same = _neighbours(mesh)
+    pairs, normals = halves // 3, mesh.face_normals()[0]
+    level = _angles_between(normals, pairs, same) < _COPLANAR
+    count, facet = components(len(mesh.faces), pairs[level])
+    smooth = smooth_edges(mesh, degrees) // 3
+    turn = _angles_between(normals, smooth, np.ones(len(smooth), np.int64))
+    bent = facet[smooth[turn >= _COPLANAR]]
+    turn = np.repeat(turn[turn >= _COPLANAR], 2)
+    here, there = bent.ravel(), bent[:, ::-1].ravel()
+    most = np.zeros(count)
+    np.maximum.at(most, here, turn)
+    sure = np.bincount(facet, minlength=count) > 1
+    np.logical_and.at(sure, here, turn < _HALF * most[there])
+    return np.where(sure[facet], facet, -1)
 
 
 def border_lengths(mesh: Mesh, parts: int, part: NDArray[np.int64]) -> Array:

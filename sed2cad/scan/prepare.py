@@ -56,15 +56,18 @@ def _from_mesh(raw: RawScan, mesh: Mesh, seed: int) -> Scan:
     mesh = wound_outwards(weld(clean_mesh(raw, mesh)))
     frame = _frame(mesh.vertices)
     mesh = Mesh(frame.to_unit(mesh.vertices), mesh.faces)
-    points, normals, part = sample_mesh(mesh, seed)
-    order = spatial_order(points)
-    points, normals, part = points[order], normals[order], None if part is None else part[order]
+    sample = sample_mesh(mesh, seed)
+    order = spatial_order(sample.points)
+    points, normals = sample.points[order], sample.normals[order]
     distance, _ = nearest(points, 6)
     outward = _outward(points, normals, distance[:, 5], whole=True)
     if (outward * normals).sum() < 0:
         mesh = replace(mesh, faces=mesh.faces[:, ::-1])
     noise = noise_level(points, outward)
-    return Scan(points, outward, mesh, frame, noise, float(np.median(distance[:, 0])), part)
+    scan = Scan(points, outward, mesh, frame, noise, float(np.median(distance[:, 0])))
+    if sample.part is None:
+        return scan
+    return replace(scan, part=sample.part[order], triangle=sample.triangle[order])
 
 
 def _frame(points: Array) -> Frame:

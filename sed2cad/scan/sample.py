@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,14 +20,24 @@ SMOOTH = 30.0
 """Edges that turn less than this many degrees are not sharp: normals are averaged across them."""
 
 
-def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array, NDArray[np.int64] | None]:
-    """About `count` points (n, 3), spread by area, their unit normals and the parts (n,) between sharp edges.
+@dataclass(frozen=True)
+class Sample:
+    """Points on a mesh."""
 
-    Of a measured mesh there are no parts: its sharp edges are noise. Else they get at least a dozen points each, and as
-    many as their border has spacings, so that points of a narrow strip are no farther apart than others; and every
-    triangle of a round surface gets some, because small fillets are made of many small ones. All this at most `count`
-    more. Normals are interpolated between those of the corners, so that a tessellated cylinder has round ones; the
-    points lie on the round surface, too.
+    points: Array  # (n, 3)
+    normals: Array  # (n, 3), unit
+    triangle: NDArray[np.int64]  # (n,) that each lies on
+    part: NDArray[np.int64] | None  # (n,) part between sharp edges; None of a measured mesh
+
+
+def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> Sample:
+    """About `count` points, spread by area.
+
+    Of a measured mesh there are no parts: its sharp edges are noise. Else the parts get at least a dozen points each,
+    and as many as their border has spacings, so that points of a narrow strip are no farther apart than others; and
+    every triangle of a round surface gets some, because small fillets are made of many small ones. All this at most
+    `count` more. Normals are interpolated between those of the corners, so that a tessellated cylinder has round ones;
+    the points lie on the round surface, too.
     """
     rng = np.random.default_rng(seed)
     smooth = smooth_edges(mesh, SMOOTH)
@@ -42,7 +54,7 @@ def sample_mesh(mesh: Mesh, seed: int, count: int = COUNT) -> tuple[Array, Array
     points = bulged(corners, corner_normals, weight)
     normals = np.einsum("nk,nki->ni", weight, corner_normals)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return points, normals, None if measured else part[face]
+    return Sample(points, normals, face, None if measured else part[face])
 
 
 def _expected(

@@ -60,4 +60,5 @@ class Scan:
     frame: Frame
     noise: float  # standard deviation of the points along their normals, unit frame
     spacing: float  # median distance to the nearest neighbour, unit frame
-    part: NDArray[np.int64] | None = None  # (n,) part of the mesh between sharp edges that each point lies on
+    part: NDArray[np.int64] | None = None  # (n,) part of the mesh between sharp edges that each point lies on,
+    triangle: NDArray[np.int64] | None = None  # and its triangle (n,); None unless a CAD system made the mesh

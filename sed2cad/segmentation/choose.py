@@ -11,9 +11,10 @@ from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.bspline_fit import fit_bspline
 from sed2cad.primitives.refine import refine
 from sed2cad.primitives.registry import primitive_class
-from sed2cad.primitives.robust_fit import thinned
+from sed2cad.primitives.robust_fit import evenly, thinned
 from sed2cad.primitives.starts import starts
 from sed2cad.primitives.tensor_patch import TensorPatch
+from sed2cad.segmentation.corners import Corners
 from sed2cad.segmentation.energy import Tolerances, data_cost
 
 Array = NDArray[np.float64]
@@ -23,6 +24,7 @@ NUMBER = 0.75  # price of a number that shapes or places a surface, per log n; s
 LIKELY = 0.5
 NEAR = 2.0  # mean data cost of a kind that may be the right one
 SIMPLE_FIRST = ("plane", "cylinder", "sphere", "cone", "torus")
+ONE_BAND = ("plane", "cylinder", "cone", "sphere", "torus")  # on two circles lies a sphere too, but a cone is meant
 
 
 @dataclass(frozen=True)
@@ -36,21 +38,25 @@ class Choice:
     price: float
 
 
-def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: float = 0.0) -> Choice | None:
+def choose(
+    points: Array, normals: Array, tolerances: Tolerances, freeform: float = 0.0, corners: Corners | None = None
+) -> Choice | None:
     """The kind of least data cost + price over points (n, 3).
 
     Simple kinds first; a kind that leaves nothing to explain ends the search. A B-spline is tried where the analytic
     kinds leave much and the points are likely to be `freeform` (probability).
     """
     count = len(points)
+    if corners is not None and count > MOST_POINTS:
+        corners = corners[evenly(count, MOST_POINTS)]
     points, normals = thinned(points, normals, MOST_POINTS)
     best: Choice | None = None
     least = np.inf
-    for kind in SIMPLE_FIRST:
+    for kind in SIMPLE_FIRST if corners is None else ONE_BAND:
         freedom = primitive_class(kind).freedom
         if freedom >= len(points):
             continue
-        found = _fit(kind, points, normals, tolerances)
+        found = _fit(kind, points, normals, tolerances, corners)
         if found is None:
             continue
         if found.cost + found.price < least:
@@ -59,7 +65,7 @@ def choose(points: Array, normals: Array, tolerances: Tolerances, freeform: floa
             break
     if freeform > LIKELY and len(points) >= 16 and (best is None or best.cost > 1.5 * len(points)):
         surface = fit_bspline(points, normals, tolerances.distance)
-        rated = None if surface is None else _rate(surface, points, normals, tolerances)
+        rated = None if surface is None else _rate(surface, points, normals, tolerances, corners)
         if rated is not None and (best is None or rated.cost < 0.7 * best.cost):
             best = rated
     return best and replace(best, cost=best.cost * count / len(points))
@@ -76,17 +82,24 @@ def plausible(points: Array, normals: Array, tolerances: Tolerances) -> list[str
     return near
 
 
-def _fit(kind: str, points: Array, normals: Array, tolerances: Tolerances) -> Choice | None:
-    """The best algebraic start, a few steps downhill."""
+def _fit(
+    kind: str, points: Array, normals: Array, tolerances: Tolerances, corners: Corners | None = None
+) -> Choice | None:
+    """The best algebraic start, a few steps downhill; through the vertices where that costs less."""
     trials = [_rate(start, points, normals, tolerances) for start in starts(kind, points, normals)]
     if not trials:
         return None
     best = min(trials, key=lambda trial: trial.cost).primitive
-    return _rate(refine(best, points, tolerances.distance, steps=5), points, normals, tolerances)
+    near = refine(best, points, tolerances.distance, steps=5)
+    exact = corners.moved(near) if corners is not None else None
+    rated = [_rate(trial, points, normals, tolerances, corners) for trial in (near, exact) if trial is not None]
+    return min(rated, key=lambda trial: trial.cost)
 
 
-def _rate(primitive: Primitive, points: Array, normals: Array, tolerances: Tolerances) -> Choice:
+def _rate(
+    primitive: Primitive, points: Array, normals: Array, tolerances: Tolerances, corners: Corners | None = None
+) -> Choice:
     sign = primitive.side(points, normals)
-    cost = float(data_cost(primitive, sign, points, normals, tolerances).sum())
+    cost = float(data_cost(primitive, sign, points, normals, tolerances, corners).sum())
     numbers = primitive.shape_numbers / 2 if isinstance(primitive, TensorPatch) else primitive.freedom
     return Choice(primitive, sign, cost, NUMBER * numbers * float(np.log(len(points))))

@@ -2,7 +2,8 @@
 
     E(f) = sum_i D_i(f_i) + smoothness sum_ij w_ij [f_i != f_j] + sum_(primitives in use) cost
 
-D is half the squared deviation in units of the noise, capped: a point that nothing explains pays the cap.
+D is half the squared deviation in units of the noise, capped: a point that nothing explains pays the cap. On a CAD
+system's mesh a point that a surface comes near pays extra where the vertices around it are not on that surface.
 """
 
 from __future__ import annotations
@@ -14,11 +15,15 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from sed2cad.primitives.base import Primitive
+from sed2cad.segmentation.corners import EXACT, Corners
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
 UNEXPLAINED = -1
+BLUNT = 2.0  # price of a point that a surface only comes near
+_TURNED = 2.0  # most that normals count where the vertices are on the surface: squared, in units of their deviation
+_ACROSS = 0.7  # cosine of the normals from which they do
 
 
 @dataclass(frozen=True)
@@ -32,13 +37,26 @@ class Tolerances:
     primitive: float = 14.0  # cost of using one more primitive
 
 
-def data_cost(primitive: Primitive, sign: int, points: Array, normals: Array, tolerances: Tolerances) -> Array:
-    """D (n,) of each point under one primitive."""
+def data_cost(
+    primitive: Primitive,
+    sign: int,
+    points: Array,
+    normals: Array,
+    tolerances: Tolerances,
+    corners: Corners | None = None,
+) -> Array:
+    """D (n,) of each point under one primitive; corners of the points where they lie on a CAD system's mesh."""
     distance, there = primitive.distance_and_normal(points)
-    distance = distance / tolerances.distance
+    square = (distance / tolerances.distance) ** 2
+    if corners is not None and primitive.kind == "plane":
+        normals = corners.normals
     cosine = sign * np.einsum("ij,ij->i", there, normals)
     turn = 2 * (1 - cosine) / tolerances.angle**2  # angle^2 where it is small
-    return np.minimum(0.5 * (distance**2 + turn), tolerances.cap)
+    if corners is not None:
+        off = (corners.off(primitive) / EXACT) ** 2
+        turn = np.where((off < 2 * BLUNT) & (cosine > _ACROSS), np.minimum(turn, _TURNED), turn)
+        square = np.minimum(off, square + 2 * BLUNT)
+    return np.minimum(0.5 * (square + turn), tolerances.cap)
 
 
 def reach(labels: Labels, cost: Array, adjacency: csr_matrix, cap: float, hops: int = 8) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from sed2cad.segmentation.choose import Choice, choose
+from sed2cad.segmentation.corners import Corners
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances, data_cost, mean_field, reach
 from sed2cad.segmentation.graph import Graph
 from sed2cad.segmentation.strips import along_strips, bridged, groups, strip_pairs
@@ -37,9 +38,16 @@ class Refiner:
     """Holds what does not change between the rounds: points, normals, graph, prices."""
 
     def __init__(
-        self, points: Array, normals: Array, graph: Graph, tolerances: Tolerances, freeform: Array | None = None
+        self,
+        points: Array,
+        normals: Array,
+        graph: Graph,
+        tolerances: Tolerances,
+        freeform: Array | None = None,
+        corners: Corners | None = None,
     ) -> None:
         """freeform (n,): probability of each point to lie on a surface that is none of the analytic kinds."""
+        self.corners = corners
         self.freeform = np.zeros(len(points)) if freeform is None else freeform
         self.points, self.normals, self.graph, self.tolerances = points, normals, graph, tolerances
         self.adjacency: csr_matrix = graph.adjacency()
@@ -56,6 +64,7 @@ class Refiner:
         for _ in range(rounds):
             before = state.labels
             state = self.relabel(state)
+            state = self.flatten(state)
             state = self.split(state)
             state = self.refit(state)
             state = self.propose_unexplained(state)
@@ -110,6 +119,19 @@ class Refiner:
                 full[:, column] = np.inf
                 best[mine] = rest.argmin(axis=1)
         return full
+
+    def flatten(self, state: State) -> State:
+        """Facets of a mesh that are sure to be planes become patches of their own where that saves enough."""
+        labels, primitives = state.labels.copy(), list(state.primitives)
+        for members in groups(self.corners.facets) if self.corners is not None else []:
+            held = [members[labels[members] == k] for k in range(len(primitives))]
+            explained = [self._data_cost(primitives[k], own) for k, own in enumerate(held) if len(own)]
+            now = self.tolerances.cap * (labels[members] < 0).sum() + sum(cost.sum() for cost in explained)
+            found = self._choose(members) if now > self.tolerances.primitive else None
+            if found is not None and now - self._data_cost(found, members).sum() > self.tolerances.primitive:
+                labels[members] = len(primitives)
+                primitives.append(found)
+        return self._compact(State(labels, tuple(primitives)))
 
     def split(self, state: State) -> State:
         """Each connected piece of a patch becomes a patch of its own; crumbs lose their label."""
@@ -208,12 +230,15 @@ class Refiner:
         key = _key(members)
         if key not in self.chosen:
             freeform = float(self.freeform[members].mean())
-            self.chosen[key] = choose(self.points[members], self.normals[members], self.tolerances, freeform)
+            corners = None if self.corners is None else self.corners[members]
+            points, normals = self.points[members], self.normals[members]
+            self.chosen[key] = choose(points, normals, self.tolerances, freeform, corners)
         return self.chosen[key]
 
     def _data_cost(self, choice: Choice, members: NDArray[np.int64]) -> Array:
         points, normals = self.points[members], self.normals[members]
-        return data_cost(choice.primitive, choice.sign, points, normals, self.tolerances)
+        corners = None if self.corners is None else self.corners[members]
+        return data_cost(choice.primitive, choice.sign, points, normals, self.tolerances, corners)
 
     def _cost(self, state: State) -> Array:
         """Data cost (n, k). Freeform patches, slow to measure and meaningless far away, only around their points."""

@@ -15,11 +15,13 @@ from sed2cad.network.types import BSPLINE
 from sed2cad.primitives.base import Patch
 from sed2cad.primitives.robust_fit import FINEST
 from sed2cad.scan.scan import Scan
+from sed2cad.segmentation.corners import Corners, on_surfaces
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances
-from sed2cad.segmentation.graph import Graph, neighbour_graph
+from sed2cad.segmentation.graph import Graph
+from sed2cad.segmentation.level import FLOOR, Level
 from sed2cad.segmentation.linkage import average_linkage, pair_evidence
 from sed2cad.segmentation.mean_shift import mean_shift
-from sed2cad.segmentation.refine import FEWEST, Refiner, State
+from sed2cad.segmentation.refine import FEWEST, State
 from sed2cad.segmentation.settle import settle
 from sed2cad.segmentation.strips import groups
 
@@ -33,7 +35,6 @@ SHARP_ROUNDS = 3
 SHARPEST = 0.045  # radians: no normals are trusted more, as a tessellation leaves that much
 NEARLY_ALL = 0.98
 OF_A_MESH = 0.99  # its bad normals come in groups, where the triangles are large
-FLOOR = 3e-4  # unit frame: facets and rounding leave deviations of this size on a clean scan
 UNEVEN = 5e-3  # unit frame: deviation of an uneven surface from the simple one that is meant
 MANY = 100  # patches
 COMMON = 0.8  # share of planes and cylinders: 0.87 of the faces of real parts, 0.7 of the pieces of an uneven one
@@ -41,33 +42,11 @@ EDGE = 0.75  # probability from which a point counts as an edge point
 
 
 @dataclass(frozen=True)
-class Level:
-    """Some points of a scan, m of n, and their neighbours."""
-
-    rows: NDArray[np.int64]  # (m,) ascending
-    points: Array  # (m, 3)
-    normals: Array  # (m, 3)
-    graph: Graph
-
-    @classmethod
-    def of(cls, scan: Scan, rows: NDArray[np.int64], tolerances: Tolerances) -> Level:
-        """The given points of a scan."""
-        points, normals = scan.points[rows], scan.normals[rows]
-        spacing = scan.spacing * np.sqrt(len(scan.points) / len(rows))
-        part = None if scan.part is None or scan.noise > FLOOR else scan.part[rows]
-        return cls(rows, points, normals, neighbour_graph(points, normals, spacing, tolerances.distance, part))
-
-    def refiner(self, tolerances: Tolerances, freeform: Array) -> Refiner:
-        """The refinement of these points; freeform (m,) as it wants it."""
-        return Refiner(self.points, self.normals, self.graph, tolerances, freeform)
-
-
-@dataclass(frozen=True)
 class Segmentation:
-    """Patches, and the deviation of the points from them that was taken for noise."""
+    """Patches, and the scan as they see it."""
 
     patches: list[Patch]
-    noise: float  # unit frame: the scan's, or more where its surface is uneven
+    scan: Scan  # with their deviation for its noise; a mesh with its points on the surfaces of its vertices
 
 
 def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float = UNEVEN) -> Segmentation:
@@ -77,28 +56,19 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
     better, with a narrow one. Then, where there are more, on all points: the small faces that were a handful of them
     are found there. A surface more uneven than the noise of a real scan, as cast and bent things have, falls to pieces
     of all kinds; then `most` is taken for its noise.
+
+    The vertices of a CAD system's mesh lie on its surfaces exactly: they tell patches apart that hardly differ.
     """
-    uneven = max(scan.noise, most) if scan.noise > FINEST else scan.noise
-    for noise in sorted({scan.noise, uneven}):
-        tolerances = Tolerances(distance=max(FLOOR, noise))
-        level = Level.of(scan, labels.seen if labels is not None else _some(scan, COARSE, seed), tolerances)
-        freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else np.zeros(len(level.rows))
-        state = level.refiner(tolerances, freeform).run(_proposals(level.graph, labels, seed))
-        if not falls_to_pieces([choice.primitive.kind for choice in state.primitives]):
-            break
+    freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else None
+    noise, level, state = _first_look(scan, labels, seed, most)
+    tolerances = Tolerances(distance=max(FLOOR, noise))
     angle = _turned(level, state, tolerances, scan)
     if angle < tolerances.angle:
         tolerances = replace(tolerances, angle=angle)
         state = level.refiner(tolerances, freeform).improve(state, SHARP_ROUNDS)
     if len(scan.points) > len(level.rows):
-        fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
-        nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
-        refiner = fine.refiner(tolerances, freeform[nearest])
-        state = State(state.labels[nearest], state.primitives)
-        if scan.part is not None:
-            state = refiner.start([state.labels, _large(scan.part[fine.rows])])
-        state, level = refiner.improve(state, FINE_ROUNDS), fine
-    kinds = settle(level.points, level.normals, level.graph, state, tolerances, noise)
+        level, state = _closer_look(scan, level, state, tolerances, freeform, seed)
+    kinds = settle(level, state, tolerances, noise)
     everyone = spread(level, state.labels, scan.points, scan.normals)
     edge = labels.edge[labels.nearest] > EDGE if labels is not None else np.zeros(len(scan.points), bool)
     interior = _inside(scan, everyone) & ~edge
@@ -107,7 +77,38 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
         for k, kind in enumerate(kinds)
         if len(members := np.flatnonzero(everyone == k)) >= FEWEST
     ]
-    return Segmentation(patches, noise)
+    scan = replace(scan, noise=noise)
+    corners = Corners.of(scan) if level.corners is not None else None
+    if corners is not None:
+        found = ((np.flatnonzero(everyone == k), c.primitive, c.sign) for k, c in enumerate(state.primitives))
+        scan = on_surfaces(scan, corners, found)
+    return Segmentation(patches, scan)
+
+
+def _first_look(scan: Scan, labels: PointLabels | None, seed: int, most: float) -> tuple[float, Level, State]:
+    """Patches among the points that the network sees, and the deviation that is taken for noise."""
+    uneven = max(scan.noise, most) if scan.noise > FINEST else scan.noise
+    freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else None
+    for noise in sorted({scan.noise, uneven}):
+        tolerances = Tolerances(distance=max(FLOOR, noise))
+        level = Level.of(scan, labels.seen if labels is not None else _some(scan, COARSE, seed), tolerances)
+        state = level.refiner(tolerances, freeform).run(_proposals(level, labels, seed))
+        if not falls_to_pieces([choice.primitive.kind for choice in state.primitives]):
+            break
+    return noise, level, state
+
+
+def _closer_look(
+    scan: Scan, level: Level, state: State, tolerances: Tolerances, freeform: Array | None, seed: int
+) -> tuple[Level, State]:
+    """The patches of some points, refined on all."""
+    fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
+    nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
+    refiner = fine.refiner(tolerances, None if freeform is None else freeform[nearest])
+    state = State(state.labels[nearest], state.primitives)
+    if fine.part is not None:
+        state = refiner.start([state.labels, _large(fine.part)])
+    return fine, refiner.improve(state, FINE_ROUNDS)
 
 
 def falls_to_pieces(kinds: Sequence[str]) -> bool:
@@ -116,9 +117,13 @@ def falls_to_pieces(kinds: Sequence[str]) -> bool:
     return len(kinds) >= MANY and common < COMMON * len(kinds)
 
 
-def _proposals(graph: Graph, labels: PointLabels | None, seed: int) -> list[Labels]:
-    """Smooth pieces of two sizes, the modes of the descriptors, and what the pairs of neighbours link."""
+def _proposals(level: Level, labels: PointLabels | None, seed: int) -> list[Labels]:
+    """Smooth pieces of two sizes, the modes of the descriptors, and what the pairs of neighbours link; the parts and
+    planes of a mesh."""
+    graph = level.graph
     proposals = [smooth_pieces(graph, weight) for weight in (0.85, 0.5)]
+    if level.part is not None and level.corners is not None:
+        proposals += [_large(level.part), _large(level.corners.facets)]
     i, j = graph.pairs.T
     if labels is not None:
         linked = average_linkage(pair_evidence(labels), labels.neighbours)
@@ -154,7 +159,7 @@ def _turned(level: Level, state: State, tolerances: Tolerances, scan: Scan) -> f
     """
     if scan.noise > FINEST:
         return math.inf
-    kinds = settle(level.points, level.normals, level.graph, state, tolerances, scan.noise)
+    kinds = settle(level, state, tolerances, scan.noise)
     found = [
         (kind != "plane", choice.primitive.angles(level.points[members], level.normals[members]))
         for members, choice, kind in zip(groups(state.labels), state.primitives, kinds)
@@ -166,7 +171,8 @@ def _turned(level: Level, state: State, tolerances: Tolerances, scan: Scan) -> f
 
 
 def _large(labels: Labels) -> Labels:
-    return np.where(np.bincount(labels)[labels] >= FEWEST, labels, UNEXPLAINED)
+    size = np.bincount(labels + 1)[labels + 1]
+    return np.where(size >= FEWEST, labels, UNEXPLAINED)
 
 
 def _inside(scan: Scan, labels: Labels, k: int = 6) -> NDArray[np.bool_]:

@@ -80,7 +80,8 @@ def test_smooth_parts() -> None:
 
 
 def test_samples_are_even_and_on_the_mesh() -> None:
-    points, normals, _ = sample_mesh(CUBE, 0, 6000)
+    on = sample_mesh(CUBE, 0, 6000)
+    points, normals = on.points, on.normals
     assert len(points) == pytest.approx(6000, abs=2)
     np.testing.assert_allclose(np.abs(points).max(axis=1), 1)
     np.testing.assert_allclose(np.einsum("ij,ij->i", points, normals), 1)
@@ -88,7 +89,8 @@ def test_samples_are_even_and_on_the_mesh() -> None:
 
 
 def test_round_normals_on_a_tessellated_cylinder() -> None:
-    points, normals, _ = sample_mesh(tube(36), 0, 4000)
+    on = sample_mesh(tube(36), 0, 4000)
+    points, normals = on.points, on.normals
     side = np.abs(normals[:, 2]) < 0.5
     radial = points[side, :2] / np.linalg.norm(points[side, :2], axis=1, keepdims=True)
     cosine = np.einsum("ij,ij->i", normals[side, :2], radial)
@@ -99,7 +101,8 @@ def test_round_normals_on_a_tessellated_cylinder() -> None:
 @pytest.mark.parametrize("n", [24, 48])
 def test_points_of_a_tessellated_cylinder_lie_on_the_round_one(n: int) -> None:
     """What the chords cut off is put back to second order: the rest falls with the fourth power of the angle."""
-    points, normals, _ = sample_mesh(tube(n), 0, 4000)
+    on = sample_mesh(tube(n), 0, 4000)
+    points, normals = on.points, on.normals
     side = np.abs(normals[:, 2]) < 0.5
     off = np.abs(np.linalg.norm(points[side, :2], axis=1) - 1).max()
     half = np.pi / n
@@ -108,7 +111,9 @@ def test_points_of_a_tessellated_cylinder_lie_on_the_round_one(n: int) -> None:
 
 def test_small_faces_get_points() -> None:
     small = replace(scaled(CUBE, 0.02), vertices=0.02 * CUBE.vertices + [3, 0, 0])
-    points, _, part = sample_mesh(together(CUBE, small), 0)
+    on = sample_mesh(together(CUBE, small), 0)
+    points, part = on.points, on.part
+    assert part is not None
     assert (points[:, 0] > 2).sum() >= 6 * 11
     assert len(np.unique(part)) == 12 and len(np.unique(part[points[:, 0] > 2])) == 6
 
@@ -144,7 +149,8 @@ def test_planes_that_meet_at_twenty_degrees_are_no_coarse_cylinder() -> None:
     mesh = half_round(20.0)
     parts, _ = smooth_parts(mesh, smooth_edges(mesh, 30))
     assert parts == 3 + 8  # two ends and the round side; the eight planes of the roof
-    points, normals, _ = sample_mesh(mesh, 0, 6000)
+    on = sample_mesh(mesh, 0, 6000)
+    points, normals = on.points, on.normals
     roof = (points[:, 1] > 1e-9) & (np.abs(normals[:, 2]) < 0.5)
     plane_normals, _ = mesh.face_normals()
     best = (normals[roof] @ plane_normals.T).max(axis=1)
@@ -153,7 +159,9 @@ def test_planes_that_meet_at_twenty_degrees_are_no_coarse_cylinder() -> None:
 
 def test_a_narrow_strip_gets_as_many_points_along_it_as_lie_along_others() -> None:
     mesh = extruded([(0, 0), (1, 0), (1, 1), (0.001, 1), (0, 0.999)], 2.0)
-    points, normals, part = sample_mesh(mesh, 0, 4000)
+    on = sample_mesh(mesh, 0, 4000)
+    points, normals, part = on.points, on.normals, on.part
+    assert part is not None
     strip = np.abs(normals @ [-np.sqrt(0.5), np.sqrt(0.5), 0] - 1) < 1e-6
     spacing = np.sqrt(10.0 / 4000)
     assert len(np.unique(part[strip])) == 1
@@ -176,7 +184,7 @@ def test_triangles_of_a_scanner_are_told_from_those_of_a_cad_system() -> None:
         assert not is_measured(mesh)
     rough = replace(ball, vertices=ball.vertices * (1 + 0.004 * rng.normal(size=(len(ball.vertices), 1))))
     assert is_measured(rough)
-    assert sample_mesh(rough, 0)[2] is None
+    assert sample_mesh(rough, 0).part is None
 
 
 def ball_of(n: int) -> Mesh:

@@ -183,9 +183,9 @@ def test_a_surface_more_uneven_than_its_noise_gets_the_faces_that_are_meant(monk
     points, normals, face = box((0.6, 0.5, 0.4), 1500)
     waves = np.sin(points @ np.array([[40.0, 25, 11], [14, 45, 26], [33, -29, 37]]).T)
     lumpy = points + 4e-3 * waves.sum(axis=1)[:, None] * normals
-    assert segment(scan_of(lumpy, normals), None).noise == 0  # made by a computer: every lump is meant
+    assert segment(scan_of(lumpy, normals), None).scan.noise == 0  # made by a computer: every lump is meant
     found = segment(scan_of(lumpy, normals, 1e-4), None)
-    assert found.noise == UNEVEN
+    assert found.scan.noise == UNEVEN
     large = [patch for patch in found.patches if len(patch.indices) > 60]
     assert len(large) == 6
     assert all(np.mean(face[patch.indices] == np.bincount(face[patch.indices]).argmax()) > 0.95 for patch in large)
