@@ -12,7 +12,7 @@ from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.refine import refine
 from sed2cad.scan.mesh import planar_facets
 from sed2cad.scan.sample import SMOOTH
-from sed2cad.scan.scan import Mesh, Scan
+from sed2cad.scan.scan import Scan
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -21,7 +21,7 @@ EXACT = 2e-6  # unit frame: rounding moves the vertices by less
 _ON = 2.0  # times that, for a vertex that is called on a surface
 _NEARLY_ALL = 0.9
 _MORE = 3  # vertices more than it takes to make a surface go through them
-_STEPS = 40  # where a stray vertex slows the descent; it ends sooner if it can
+_STEPS = 10
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,9 @@ class Corners:
     @classmethod
     def of(cls, scan: Scan) -> Corners | None:
         """Those of a scan's points; None where it is no mesh, or a measured one."""
-        if scan.mesh is None or scan.triangle is None:
+        mesh, on = scan.mesh, scan.triangle
+        if mesh is None or on is None:
             return None
-        return cls.of_triangles(scan.mesh, scan.triangle)
-
-    @classmethod
-    def of_triangles(cls, mesh: Mesh, on: Labels) -> Corners:
-        """Those of points that lie on the triangles `on` (n,) of a mesh."""
         return cls(mesh.vertices, mesh.faces[on], mesh.face_normals()[0][on], planar_facets(mesh, SMOOTH)[on])
 
     def __getitem__(self, members: NDArray[np.int64]) -> Corners:

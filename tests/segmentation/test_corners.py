@@ -16,7 +16,25 @@ from sed2cad.scan.raw import RawScan
 from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.segmentation.corners import EXACT, Corners, on_surfaces
 from sed2cad.segmentation.segment import segment
-from tests.segmentation.shapes import FLAT, bar, extruded, frustum
+from tests.segmentation.shapes import extruded
+
+FLAT = 0.02  # width of the planes between two arcs
+
+
+def bar(flat: float = FLAT, strips: int = 12) -> Mesh:
+    """A bar of two half cylinders of radius 1, as strips, with narrow planes between them that both are tangent to."""
+    turn = np.linspace(-np.pi / 2, np.pi / 2, strips + 1)
+    right = [(flat / 2 + float(np.cos(t)), float(np.sin(t))) for t in turn]
+    return extruded(right + [(-x, -y) for x, y in right], 2.0)
+
+
+def frustum(strips: int = 24) -> Mesh:
+    """A cone between two circles: its vertices lie on a sphere, too."""
+    turn = 2 * np.pi * np.arange(strips) / strips
+    ring = np.column_stack([np.cos(turn), np.sin(turn)])
+    prism = extruded([(float(x), float(y)) for x, y in ring], 0.3)
+    width = np.where(prism.vertices[:, 2:] > 0, 0.8, 1.0)
+    return Mesh(prism.vertices * np.hstack([width, width, np.ones_like(width)]), prism.faces)
 
 
 def scan_of(mesh: Mesh) -> Scan:
