@@ -59,15 +59,17 @@ class Corners:
 
     def moved(self, primitive: Primitive) -> Primitive | None:
         """The primitive through the vertices; None where there are too few to tell."""
-        places = self.vertices[np.unique(self.triangles)]
-        if primitive.kind != "plane" and len(places) < primitive.freedom + _MORE:
-            return None
-        return refine(primitive, places, EXACT, _STEPS)
+        places = np.unique(self.triangles)
+        return refine(primitive, self.vertices[places], EXACT, _STEPS) if _tell(places, primitive) else None
 
     def settle(self, primitive: Primitive) -> bool:
         """Whether a primitive goes through nearly all vertices, and they are enough to tell."""
-        enough = primitive.kind == "plane" or len(np.unique(self.triangles)) >= primitive.freedom + _MORE
-        return enough and bool(self.on(primitive).mean() > _NEARLY_ALL)
+        return _tell(np.unique(self.triangles), primitive) and bool(self.on(primitive).mean() > _NEARLY_ALL)
+
+
+def _tell(places: Labels, primitive: Primitive) -> bool:
+    """Whether there are more vertices (v,) than any surface of the primitive's kind can be made to go through."""
+    return primitive.kind == "plane" or len(places) >= primitive.freedom + _MORE
 
 
 def on_surfaces(scan: Scan, corners: Corners, found: Iterable[tuple[Labels, Primitive, int]]) -> Scan:

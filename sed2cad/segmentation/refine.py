@@ -124,9 +124,9 @@ class Refiner:
         """Facets of a mesh that are sure to be planes become patches of their own where that saves enough."""
         labels, primitives = state.labels.copy(), list(state.primitives)
         for members in groups(self.corners.facets) if self.corners is not None else []:
-            held = [members[labels[members] == k] for k in range(len(primitives))]
-            explained = [self._data_cost(primitives[k], own) for k, own in enumerate(held) if len(own)]
-            now = self.tolerances.cap * (labels[members] < 0).sum() + sum(cost.sum() for cost in explained)
+            own = labels[members]
+            costs = [self._data_cost(primitives[k], members[own == k]).sum() for k in np.unique(own[own >= 0])]
+            now = self.tolerances.cap * (own < 0).sum() + sum(costs)
             found = self._choose(members) if now > self.tolerances.primitive else None
             if found is not None and now - self._data_cost(found, members).sum() > self.tolerances.primitive:
                 labels[members] = len(primitives)
@@ -230,15 +230,16 @@ class Refiner:
         key = _key(members)
         if key not in self.chosen:
             freeform = float(self.freeform[members].mean())
-            corners = None if self.corners is None else self.corners[members]
             points, normals = self.points[members], self.normals[members]
-            self.chosen[key] = choose(points, normals, self.tolerances, freeform, corners)
+            self.chosen[key] = choose(points, normals, self.tolerances, freeform, self._corners(members))
         return self.chosen[key]
 
     def _data_cost(self, choice: Choice, members: NDArray[np.int64]) -> Array:
         points, normals = self.points[members], self.normals[members]
-        corners = None if self.corners is None else self.corners[members]
-        return data_cost(choice.primitive, choice.sign, points, normals, self.tolerances, corners)
+        return data_cost(choice.primitive, choice.sign, points, normals, self.tolerances, self._corners(members))
+
+    def _corners(self, members: NDArray[np.int64]) -> Corners | None:
+        return None if self.corners is None else self.corners[members]
 
     def _cost(self, state: State) -> Array:
         """Data cost (n, k). Freeform patches, slow to measure and meaningless far away, only around their points."""

@@ -60,7 +60,7 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
     The vertices of a CAD system's mesh lie on its surfaces exactly: they tell patches apart that hardly differ.
     """
     freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else None
-    noise, level, state = _first_look(scan, labels, seed, most)
+    noise, level, state = _first_look(scan, labels, freeform, seed, most)
     tolerances = Tolerances(distance=max(FLOOR, noise))
     angle = _turned(level, state, tolerances, scan)
     if angle < tolerances.angle:
@@ -85,10 +85,11 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
     return Segmentation(patches, scan)
 
 
-def _first_look(scan: Scan, labels: PointLabels | None, seed: int, most: float) -> tuple[float, Level, State]:
+def _first_look(
+    scan: Scan, labels: PointLabels | None, freeform: Array | None, seed: int, most: float
+) -> tuple[float, Level, State]:
     """Patches among the points that the network sees, and the deviation that is taken for noise."""
     uneven = max(scan.noise, most) if scan.noise > FINEST else scan.noise
-    freeform = labels.types[:, BSPLINE].astype(float) if labels is not None else None
     for noise in sorted({scan.noise, uneven}):
         tolerances = Tolerances(distance=max(FLOOR, noise))
         level = Level.of(scan, labels.seen if labels is not None else _some(scan, COARSE, seed), tolerances)
