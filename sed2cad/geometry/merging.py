@@ -24,6 +24,7 @@ _TINY = 0.012  # so may the ends of shorter chains
 _SAME = 5e-4  # solved corners closer than this are one
 _SLIVER = 1e-3  # a narrower face would close up if its short ends were contracted
 _FAR = 0.03  # a merged corner moves less than this
+_SURE = 1e-5  # corners that were traced as near as this are those of a CAD system's mesh
 
 
 class CornerClusters:
@@ -72,6 +73,8 @@ class CornerClusters:
                 self.alive[k] = False
             return False
         apart = float(np.linalg.norm(self.solved[a].position - self.solved[b].position))
+        if apart > _SURE and self._is_sure(a) and self._is_sure(b):
+            return False
         if not self._loops_keep(k, 1 if apart < _SAME else 2):
             return False
         merged = self._solve([a, b])
@@ -82,6 +85,10 @@ class CornerClusters:
             return False
         self._join(k, a, b, merged)
         return True
+
+    def _is_sure(self, cluster: int) -> bool:
+        """Whether a corner was traced where its surfaces meet exactly, which is no coincidence."""
+        return max(self.solved[cluster].moved, self.solved[cluster].misfit) < _SURE
 
     def _as_traced(self, k: int, a: int, b: int) -> bool:
         """Whether the solved corners lie to each other as the chain's ends do: a real, short edge."""

@@ -63,6 +63,8 @@ def choose(
             best, least = found, found.cost + found.price
         if best is not None and best.cost < (0.5 if kind == "plane" else 0.7) * len(points):
             break
+        if best is found and corners is not None and corners.settle(found.primitive):
+            break
     if freeform > LIKELY and len(points) >= 16 and (best is None or best.cost > 1.5 * len(points)):
         surface = fit_bspline(points, normals, tolerances.distance)
         rated = None if surface is None else _rate(surface, points, normals, tolerances, corners)
@@ -93,7 +95,8 @@ def _fit(
     near = refine(best, points, tolerances.distance, steps=5)
     exact = corners.moved(near) if corners is not None else None
     rated = [_rate(trial, points, normals, tolerances, corners) for trial in (near, exact) if trial is not None]
-    return min(rated, key=lambda trial: trial.cost)
+    found = min(rated, key=lambda trial: trial.cost)
+    return None if corners is not None and corners.through_any(found.primitive) else found
 
 
 def _rate(

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.refine import refine
+from sed2cad.primitives.torus import Torus
+from sed2cad.primitives.vectors import about_axis
 from sed2cad.scan.mesh import planar_facets
 from sed2cad.scan.sample import SMOOTH
-from sed2cad.scan.scan import Scan
+from sed2cad.scan.scan import Mesh, Scan
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -21,7 +23,9 @@ EXACT = 2e-6  # unit frame: rounding moves the vertices by less
 _ON = 2.0  # times that, for a vertex that is called on a surface
 _NEARLY_ALL = 0.9
 _MORE = 3  # vertices more than it takes to make a surface go through them
-_STEPS = 10
+_ANY = 3  # circles about one axis that a torus goes through, whatever they are
+_SAME = 1e-4  # unit frame: circles nearer than this are one
+_STEPS = 40  # where a stray vertex slows the descent; it ends sooner if it can
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,13 @@ class Corners:
     @classmethod
     def of(cls, scan: Scan) -> Corners | None:
         """Those of a scan's points; None where it is no mesh, or a measured one."""
-        mesh, on = scan.mesh, scan.triangle
-        if mesh is None or on is None:
+        if scan.mesh is None or scan.triangle is None:
             return None
+        return cls.of_triangles(scan.mesh, scan.triangle)
+
+    @classmethod
+    def of_triangles(cls, mesh: Mesh, on: Labels) -> Corners:
+        """Those of points that lie on the triangles `on` (n,) of a mesh."""
         return cls(mesh.vertices, mesh.faces[on], mesh.face_normals()[0][on], planar_facets(mesh, SMOOTH)[on])
 
     def __getitem__(self, members: NDArray[np.int64]) -> Corners:
@@ -61,6 +69,14 @@ class Corners:
         """The primitive through the vertices; None where there are too few to tell."""
         places = np.unique(self.triangles)
         return refine(primitive, self.vertices[places], EXACT, _STEPS) if _tell(places, primitive) else None
+
+    def through_any(self, primitive: Primitive) -> bool:
+        """Whether it is a torus through so few circles that there always is one, be they a cone's and a plane's."""
+        if not isinstance(primitive, Torus):
+            return False
+        height, radius, _ = about_axis(self.vertices[np.unique(self.triangles)], primitive.centre, primitive.axis)
+        circles = np.unique(np.round(np.column_stack([height, radius]) / _SAME), axis=0)
+        return len(circles) <= _ANY
 
     def settle(self, primitive: Primitive) -> bool:
         """Whether a primitive goes through nearly all vertices, and they are enough to tell."""

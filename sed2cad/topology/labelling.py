@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from gpytoolbox import squared_distance
 from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
+from sed2cad.segmentation.corners import EXACT, Corners
 from sed2cad.topology.manifold import half_edges, twins
 from sed2cad.topology.mincut import Labels, Pairs, alpha_expansion
 
@@ -18,6 +20,7 @@ _VOTERS = 6  # of them vote
 _FITS = 1.0  # units of distance: triangles nearer than this to a primitive may be on it without such points,
 _ALIGNED = 0.8  # if their normals agree (cosine)
 _FAR = 16.0  # and a point of its patch is within so many spacings
+_MISSED = 2.0  # cost of a triangle whose vertices are not on a surface that others' are exactly on
 _CREASE = 0.03  # 1 - cosine at which an edge counts as a crease
 
 
@@ -46,13 +49,15 @@ def data_costs(mesh: Mesh, scan: Scan, fitted: Sequence[FittedPatch], labels: La
     """Cost (f, k) of each triangle on each primitive; inf where it is no candidate.
 
     labels (n,): the patch of each point, -1 for none. Candidates are named by near points; a primitive that
-    fits a triangle well may have its points somewhat farther off, so that narrow faces hang together.
+    fits a triangle well may have its points somewhat farther off, so that narrow faces hang together. One that
+    the vertices of a mesh lie on costs more where they do not.
     """
     centres, (normals, _) = mesh.centroids(), mesh.face_normals()
     named = labels >= 0
     points, names = scan.points[named], labels[named]
     _, near = cKDTree(points).query(centres, k=min(_NEAR, len(points)))
     around = names[near.reshape(len(centres), -1)]
+    vertices = _exact_vertices(scan, centres)
     unit = 2 * scan.noise + 0.3 * scan.spacing
     costs = np.full((len(centres), len(fitted)), np.inf)
     for label, patch in enumerate(fitted):
@@ -69,7 +74,22 @@ def data_costs(mesh: Mesh, scan: Scan, fitted: Sequence[FittedPatch], labels: La
         at, cosine = at[candidate], cosine[candidate]
         share = (around[at, :_VOTERS] == label).mean(axis=1)
         costs[at, label] = np.minimum(distance[at], 4.0) + 3 * (1 - cosine) + 1.5 * (1 - share)
+        if vertices is not None and vertices[0][np.flatnonzero(labels == label)].settle(patch.primitive):
+            costs[at[~vertices[1][at].on(patch.primitive)], label] += _MISSED
     return costs
+
+
+def _exact_vertices(scan: Scan, centres: Array) -> tuple[Corners, Corners] | None:
+    """What a CAD system's mesh knows of the points of a scan and of the triangles (f, 3) of a proxy that divides it."""
+    corners, mesh = Corners.of(scan), scan.mesh
+    if corners is None or mesh is None:
+        return None
+    squared, on, _ = squared_distance(
+        centres, mesh.vertices, F=mesh.faces.astype(np.int32), use_cpp=True, use_aabb=True
+    )
+    if np.median(squared) > EXACT**2:  # another proxy
+        return None
+    return corners, Corners.of_triangles(mesh, on)
 
 
 def label_triangles(mesh: Mesh, near: Adjacency, costs: Array, smoothness: float = 1.0) -> Labels:

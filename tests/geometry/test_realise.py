@@ -66,6 +66,13 @@ def test_a_short_real_edge_is_kept() -> None:
     assert all(edge is not None for edge in realise(part.topology, part.fitted).edges)
 
 
+def test_a_tiny_edge_is_kept_where_it_was_traced_exactly() -> None:
+    part = parts.hip_roof(0.03)  # a thousandth of the diagonal
+    assert all(edge is not None for edge in realise(part.topology, part.fitted).edges)
+    rough = part.noisy(0.001)
+    assert sum(edge is None for edge in realise(rough.topology, rough.fitted).edges) == 1
+
+
 def _chain(angle: float) -> np.ndarray:
     return np.column_stack(
         [np.full(20, 0.1 * np.sin(angle)), np.linspace(0, 0.3, 20), np.full(20, 0.1 * np.cos(angle))]

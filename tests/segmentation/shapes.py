@@ -49,3 +49,36 @@ def extruded(
     top = np.array(cut or [(0, k, k + 1) for k in range(1, n - 1)])
     sides = [np.column_stack([i, j, n + j]), np.column_stack([i, n + j, n + i])]
     return Mesh(vertices, np.vstack([*sides, top[:, ::-1], n + top]))
+
+
+FLAT = 0.02  # width of the planes between two arcs
+
+
+def bar(flat: float = FLAT, strips: int = 12) -> Mesh:
+    """A bar of two half cylinders of radius 1, as strips, with narrow planes between them that both are tangent to."""
+    turn = np.linspace(-np.pi / 2, np.pi / 2, strips + 1)
+    right = [(flat / 2 + float(np.cos(t)), float(np.sin(t))) for t in turn]
+    return extruded(right + [(-x, -y) for x, y in right], 2.0)
+
+
+def frustum(strips: int = 24) -> Mesh:
+    """A cone between two circles: its vertices lie on a sphere, too."""
+    turn = 2 * np.pi * np.arange(strips) / strips
+    ring = np.column_stack([np.cos(turn), np.sin(turn)])
+    prism = extruded([(float(x), float(y)) for x, y in ring], 0.3)
+    width = np.where(prism.vertices[:, 2:] > 0, 0.8, 1.0)
+    return Mesh(prism.vertices * np.hstack([width, width, np.ones_like(width)]), prism.faces)
+
+
+def turned(profile: list[tuple[float, float]], strips: int = 48) -> Mesh:
+    """A profile of radii and heights turned about Z, counter-clockwise, with a lid at each end."""
+    turn = 2 * np.pi * np.arange(strips) / strips
+    rings = [np.column_stack([r * np.cos(turn), r * np.sin(turn), np.full(strips, z)]) for r, z in profile]
+    i, j = np.arange(strips), np.roll(np.arange(strips), -1)
+    faces = [np.column_stack([np.zeros(strips - 2, int), j[1:-1], i[1:-1]])]
+    for k in range(len(profile) - 1):
+        low, high = k * strips, (k + 1) * strips
+        faces += [np.column_stack([low + i, low + j, high + j]), np.column_stack([low + i, high + j, high + i])]
+    last = (len(profile) - 1) * strips
+    faces.append(last + np.column_stack([np.zeros(strips - 2, int), i[1:-1], j[1:-1]]))
+    return Mesh(np.vstack(rings), np.vstack(faces))

@@ -16,25 +16,7 @@ from sed2cad.scan.raw import RawScan
 from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.segmentation.corners import EXACT, Corners, on_surfaces
 from sed2cad.segmentation.segment import segment
-from tests.segmentation.shapes import extruded
-
-FLAT = 0.02  # width of the planes between two arcs
-
-
-def bar(flat: float = FLAT, strips: int = 12) -> Mesh:
-    """A bar of two half cylinders of radius 1, as strips, with narrow planes between them that both are tangent to."""
-    turn = np.linspace(-np.pi / 2, np.pi / 2, strips + 1)
-    right = [(flat / 2 + float(np.cos(t)), float(np.sin(t))) for t in turn]
-    return extruded(right + [(-x, -y) for x, y in right], 2.0)
-
-
-def frustum(strips: int = 24) -> Mesh:
-    """A cone between two circles: its vertices lie on a sphere, too."""
-    turn = 2 * np.pi * np.arange(strips) / strips
-    ring = np.column_stack([np.cos(turn), np.sin(turn)])
-    prism = extruded([(float(x), float(y)) for x, y in ring], 0.3)
-    width = np.where(prism.vertices[:, 2:] > 0, 0.8, 1.0)
-    return Mesh(prism.vertices * np.hstack([width, width, np.ones_like(width)]), prism.faces)
+from tests.segmentation.shapes import FLAT, bar, extruded, frustum, turned
 
 
 def scan_of(mesh: Mesh) -> Scan:
@@ -65,6 +47,22 @@ def test_a_narrow_plane_that_two_cylinders_are_tangent_to_is_found(flat: float) 
 def test_a_chamfer_on_a_bore_is_a_cone() -> None:
     found = segment(scan_of(frustum()), None)
     assert Counter(patch.kind for patch in found.patches) == {"plane": 2, "cone": 1}
+
+
+def test_a_torus_through_three_circles_is_none() -> None:
+    """A seat of two cones and planes: its three circles lie on a torus, and the normals hardly tell."""
+    seat = [(0.6, 0.3), (0.68, 0.25), (0.8, 0.23)]
+    scan = scan_of(turned([(1.0, 0.0), (1.0, 0.5), (0.8, 0.5), *seat[::-1]]))
+    found = segment(scan, None)
+    kinds = Counter(patch.kind for patch in found.patches)
+    assert kinds == {"plane": 3, "cylinder": 2, "cone": 2}
+
+
+def test_a_fillet_is_a_torus() -> None:
+    turn = np.linspace(0, np.pi / 2, 8)
+    arc = [(0.8 + 0.2 * float(np.cos(t)), 0.5 + 0.2 * float(np.sin(t))) for t in turn]
+    found = segment(scan_of(turned([(1.0, 0.0), *arc])), None)
+    assert Counter(patch.kind for patch in found.patches) == {"plane": 2, "cylinder": 1, "torus": 1}
 
 
 def test_points_of_a_mesh_come_to_lie_on_the_surfaces() -> None:
