@@ -23,6 +23,7 @@ MOST_POINTS = 240
 NUMBER = 0.75  # price of a number that shapes or places a surface, per log n; smoothing ties half of a spline's
 LIKELY = 0.5
 NEAR = 2.0  # mean data cost of a kind that may be the right one
+_HOPELESS = 5.0  # mean data cost of a kind that no surface near by turns into the right one
 SIMPLE_FIRST = ("plane", "cylinder", "sphere", "cone", "torus")
 ONE_BAND = ("plane", "cylinder", "cone", "sphere", "torus")  # on two circles lies a sphere too, but a cone is meant
 
@@ -92,11 +93,13 @@ def _fit(
     if not trials:
         return None
     best = min(trials, key=lambda trial: trial.cost).primitive
-    near = refine(best, points, tolerances.distance, steps=5)
-    exact = corners.moved(near) if corners is not None else None
-    rated = [_rate(trial, points, normals, tolerances, corners) for trial in (near, exact) if trial is not None]
-    found = min(rated, key=lambda trial: trial.cost)
-    return None if corners is not None and corners.through_any(found.primitive) else found
+    found = _rate(refine(best, points, tolerances.distance, steps=5), points, normals, tolerances)
+    if corners is None:
+        return found
+    exact = corners.moved(found.primitive) if found.cost < _HOPELESS * len(points) else None
+    both = [trial for trial in (found.primitive, exact) if trial is not None]
+    found = min((_rate(trial, points, normals, tolerances, corners) for trial in both), key=lambda trial: trial.cost)
+    return None if corners.through_any(found.primitive) else found
 
 
 def _rate(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from gpytoolbox import squared_distance
 
 from sed2cad.components import components
 from sed2cad.scan.scan import Array, Mesh, Scan
@@ -32,7 +32,9 @@ class Support:
 def support_of(mesh: Mesh, scan: Scan, labels: Labels) -> Support:
     """The support that the labelled ones of the points (n,) give."""
     named = labels >= 0
-    _, nearest = cKDTree(mesh.centroids()).query(scan.points[named])
+    _, nearest, _ = squared_distance(
+        scan.points[named], mesh.vertices, F=mesh.faces.astype(np.int32), use_cpp=True, use_aabb=True
+    )
     return Support(nearest.astype(np.int64), labels[named])
 
 
