@@ -15,6 +15,7 @@ from sed2cad.primitives.base import Array
 DEGREE = 3
 _PER_SPAN = 8  # samples of a knot span, from the nearest of which the search for a foot point starts
 _FOOT_STEPS = 12
+_STILL = 1e-9  # of the samples' distance: a foot point that moves less has been found
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,22 +84,24 @@ class Profile:
         low, high = (t - step, t + step) if self.closed else (np.maximum(t - step, samples[0]), t + step)
         high = high if self.closed else np.minimum(high, samples[-1])
         curve, first, second = self._curves
+        moving = np.arange(len(t))
         for _ in range(_FOOT_STEPS):
-            at = self.wrapped(t)
-            gap, slope, change = points - curve(at), first(at), second(at)
+            at = self.wrapped(t[moving])
+            gap, slope, change = points[moving] - curve(at), first(at), second(at)
             square = np.maximum(np.einsum("ij,ij->i", slope, slope), 1e-300)
             bent = square - np.einsum("ij,ij->i", gap, change)
             move = np.einsum("ij,ij->i", gap, slope) / np.where(bent > 0.2 * square, bent, square)
-            new = np.clip(t + move, low, high)
-            done = float(np.abs(new - t).max(initial=0.0)) < 1e-14 * step
-            t = new
-            if done:
+            new = np.clip(t[moving] + move, low[moving], high[moving])
+            far = np.abs(new - t[moving]) > _STILL * step
+            t[moving] = new
+            moving = moving[far]
+            if not len(moving):
                 break
         return self.wrapped(t)
 
-    def gap(self, points: Array) -> tuple[Array, Array, Array]:
-        """Foot points (n, 2), normals there (n, 2) and signed distances (n,) of points (n, 2)."""
-        t = self.foot(points)
+    def gap(self, points: Array, t: Array | None = None) -> tuple[Array, Array, Array]:
+        """Foot points (n, 2), normals there (n, 2) and signed distances (n,) of points (n, 2); t (n,) of the feet."""
+        t = self.foot(points) if t is None else t
         feet, tangent = self.at(t), self.tangent(t)
         normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
         offset = points - feet

@@ -139,7 +139,7 @@ class _Fitting:
         flat = surface.flat(self.points) if isinstance(surface, Extrusion) else surface.meridian(self.points)
         profile = surface.profile
         self.along = profile.foot(flat)
-        self.residual = profile.gap(flat)[2]
+        self.residual = profile.gap(flat, self.along)[2]
         if not profile.closed:
             over = np.einsum("ij,ij->i", flat - profile.at(self.along), profile.tangent(self.along))
             beyond = np.isin(self.along, profile.ends)

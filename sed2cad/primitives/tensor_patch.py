@@ -14,6 +14,7 @@ from sed2cad.primitives.base import Array, Primitive
 from sed2cad.primitives.vectors import unit
 
 DEGREE = 3
+_STILL = 1e-10  # a step that is shorter changes nothing
 _FOOT_STEPS = 5
 
 
@@ -61,18 +62,18 @@ class TensorPatch(Primitive):
     def foot(self, points: Array, start: Array | None = None) -> Array:
         """Parameters (n, 2) of the nearest points of the patch: Gauss-Newton from `start` (n, 2), or a guess."""
         uv = self._clipped(self._first_guess(points) if start is None else start)
-        best = np.full(len(points), np.inf)
-        candidate = uv
+        least, candidate, moving = np.full(len(points), np.inf), uv.copy(), np.arange(len(points))
         for _ in range(_FOOT_STEPS):
             surface, du, dv = self.tangents(candidate)
-            gap = points - surface
+            gap = points[moving] - surface
             square = np.einsum("ij,ij->i", gap, gap)
-            better = square < best
-            uv = np.where(better[:, None], candidate, uv)
-            best = np.minimum(best, square)
-            step = np.where(better[:, None], newton_step(gap, du, dv), 0.0)
-            candidate = self._clipped(uv + step)
-            if not better.any() or np.abs(step).max() < 1e-12:
+            better = square < least[moving]
+            moving = moving[better]
+            uv[moving], least[moving] = candidate[better], square[better]
+            step = newton_step(gap[better], du[better], dv[better])
+            far = np.abs(step).max(axis=1, initial=0.0) > _STILL
+            moving, candidate = moving[far], self._clipped(uv[moving[far]] + step[far])
+            if not len(moving):
                 break
         return uv
 

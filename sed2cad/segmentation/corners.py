@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.primitives.base import Primitive
-from sed2cad.primitives.refine import refine
+from sed2cad.primitives.refine import median_size, refine
+from sed2cad.primitives.robust_fit import evenly
 from sed2cad.primitives.torus import Torus
 from sed2cad.primitives.vectors import about_axis
 from sed2cad.scan.mesh import planar_facets
@@ -25,7 +26,9 @@ _NEARLY_ALL = 0.9
 _MORE = 3  # vertices more than it takes to make a surface go through them
 _ANY = 3  # circles about one axis that a torus goes through, whatever they are
 _SAME = 1e-4  # unit frame: circles nearer than this are one
-_STEPS = 40  # where a stray vertex slows the descent; it ends sooner if it can
+_MOST = 240  # vertices that a surface is laid through
+_STEPS, _STEPS_MORE = 10, 30  # of the descent: all where it comes
+_CLOSE = 2e-4  # unit frame: as near as this to half of the vertices, and a stray one slows it
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,13 @@ class Corners:
     def moved(self, primitive: Primitive) -> Primitive | None:
         """The primitive through the vertices; None where there are too few to tell."""
         places = np.unique(self.triangles)
-        return refine(primitive, self.vertices[places], EXACT, _STEPS) if _tell(places, primitive) else None
+        if not _tell(places, primitive):
+            return None
+        vertices = self.vertices[places[evenly(len(places), min(len(places), _MOST))]]
+        found = refine(primitive, vertices, EXACT, _STEPS)
+        if median_size(found.distance(vertices)) > _CLOSE:
+            return found
+        return refine(found, vertices, EXACT, _STEPS_MORE)
 
     def through_any(self, primitive: Primitive) -> bool:
         """Whether it is a torus through so few circles that there always is one, be they a cone's and a plane's."""

@@ -199,8 +199,9 @@ class Refiner:
         """Join neighbouring patches that one primitive explains as well as two."""
         labels, primitives = state.labels.copy(), list(state.primitives)
         alias = np.arange(len(primitives))
+        costs: dict[int, float] = {}  # of the patches' points
         for a, b in self._near_pairs(state):
-            a, b = alias[a], alias[b]
+            a, b = int(alias[a]), int(alias[b])
             if a == b:
                 continue
             of_a, of_b = np.flatnonzero(labels == a), np.flatnonzero(labels == b)
@@ -211,15 +212,16 @@ class Refiner:
             if joint is None:
                 self.apart.add(pair)
                 continue
-            apart = self._data_cost(primitives[a], of_a).sum() + self._data_cost(primitives[b], of_b).sum()
-            together = self._data_cost(joint, np.r_[of_a, of_b]).sum()
-            together += max(joint.price - primitives[a].price - primitives[b].price, 0.0)
-            if together > apart + min(self.tolerances.primitive, float(min(len(of_a), len(of_b)))):
+            for k, own in ((a, of_a), (b, of_b)):
+                costs[k] = costs[k] if k in costs else float(self._data_cost(primitives[k], own).sum())
+            cost = float(self._data_cost(joint, np.r_[of_a, of_b]).sum())
+            together = cost + max(joint.price - primitives[a].price - primitives[b].price, 0.0)
+            if together > costs[a] + costs[b] + min(self.tolerances.primitive, float(min(len(of_a), len(of_b)))):
                 self.apart.add(pair)
             else:
                 labels[labels == b] = a
                 alias[alias == b] = a
-                primitives[a] = joint
+                primitives[a], costs[a] = joint, cost
         return self._compact(State(labels, tuple(primitives)))
 
     # helpers ---------------------------------------------------------------------------------------------
