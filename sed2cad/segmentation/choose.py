@@ -62,9 +62,8 @@ def choose(
             continue
         if found.cost + found.price < least:
             best, least = found, found.cost + found.price
-        if best is not None and best.cost < (0.5 if kind == "plane" else 0.7) * len(points):
-            break
-        if best is found and corners is not None and corners.settle(found.primitive):
+        explained = best is not None and best.cost < (0.5 if kind == "plane" else 0.7) * len(points)
+        if explained or (best is found and corners is not None and corners.settle(found.primitive)):
             break
     if freeform > LIKELY and len(points) >= 16 and (best is None or best.cost > 1.5 * len(points)):
         surface = fit_bspline(points, normals, tolerances.distance)

@@ -27,8 +27,9 @@ _MORE = 3  # vertices more than it takes to make a surface go through them
 _ANY = 3  # circles about one axis that a torus goes through, whatever they are
 _SAME = 1e-4  # unit frame: circles nearer than this are one
 _MOST = 240  # vertices that a surface is laid through
-_STEPS, _STEPS_MORE = 10, 30  # of the descent: all where it comes
-_CLOSE = 2e-4  # unit frame: as near as this to half of the vertices, and a stray one slows it
+_STEPS = 10
+_STEPS_MORE = 30  # where a stray vertex slows the descent: one
+_CLOSE = 2e-4  # unit frame: that has come as near as this to half of the vertices
 
 
 @dataclass(frozen=True)

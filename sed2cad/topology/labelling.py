@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from gpytoolbox import squared_distance
 from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.segmentation.corners import EXACT, Corners
-from sed2cad.topology.manifold import half_edges, twins
+from sed2cad.topology.manifold import half_edges, nearest_triangles, twins
 from sed2cad.topology.mincut import Labels, Pairs, alpha_expansion
 
 _NEAR = 16  # points around a triangle whose patches are its candidates
@@ -84,10 +83,8 @@ def _exact_vertices(scan: Scan, centres: Array) -> tuple[Corners, Corners] | Non
     corners, mesh = Corners.of(scan), scan.mesh
     if corners is None or mesh is None:
         return None
-    squared, on, _ = squared_distance(
-        centres, mesh.vertices, F=mesh.faces.astype(np.int32), use_cpp=True, use_aabb=True
-    )
-    if np.median(squared) > EXACT**2:  # another proxy
+    distance, on = nearest_triangles(mesh, centres)
+    if np.median(distance) > EXACT:  # another proxy
         return None
     return corners, Corners.of_triangles(mesh, on)
 

@@ -6,6 +6,7 @@ Half-edge 3 * t + k runs from corner k to corner k + 1 of triangle t.
 from __future__ import annotations
 
 import numpy as np
+from gpytoolbox import squared_distance
 from numpy.typing import NDArray
 
 from sed2cad.components import components
@@ -120,3 +121,11 @@ def euler_number(faces: Faces) -> int:
     origin, target = half_edges(faces)
     edges = np.unique(np.sort(np.column_stack([origin, target]), axis=1), axis=0)
     return len(np.unique(faces)) - len(edges) + len(faces)
+
+
+def nearest_triangles(mesh: Mesh, points: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Distance (n,) of points (n, 3) from a mesh, and the triangle (n,) that each is nearest to."""
+    squared, triangle, _ = squared_distance(
+        points, mesh.vertices, F=mesh.faces.astype(np.int32), use_cpp=True, use_aabb=True
+    )
+    return np.sqrt(squared), triangle.astype(np.int64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from gpytoolbox import point_cloud_to_mesh, squared_distance
+from gpytoolbox import point_cloud_to_mesh
 from scipy.spatial import cKDTree
 
 from sed2cad.components import components
@@ -17,6 +17,7 @@ from sed2cad.topology.edges import surface_samples
 from sed2cad.topology.manifold import (
     bodies,
     is_closed_manifold,
+    nearest_triangles,
     split_edges,
     split_fans,
     twins,
@@ -61,10 +62,8 @@ def proxy_mesh(scan: Scan, fitted: Sequence[FittedPatch] = ()) -> Mesh:
 
 def proxy_quality(mesh: Mesh, scan: Scan) -> float:
     """Share of the points farther than 1.5 spacings (and 4 times the noise) from the mesh or facing away."""
-    squared, triangle, _ = squared_distance(
-        scan.points, mesh.vertices, F=mesh.faces.astype(np.int32), use_cpp=True, use_aabb=True
-    )
-    far = np.sqrt(squared) > 1.5 * scan.spacing + 4 * scan.noise
+    distance, triangle = nearest_triangles(mesh, scan.points)
+    far = distance > 1.5 * scan.spacing + 4 * scan.noise
     normals, _ = mesh.face_normals()
     opposed = np.einsum("ij,ij->i", normals[triangle], scan.normals) < -0.3
     return float((far | opposed).mean())

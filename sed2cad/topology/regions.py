@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from gpytoolbox import squared_distance
 
 from sed2cad.components import components
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.labelling import Adjacency
-from sed2cad.topology.manifold import following, twins
+from sed2cad.topology.manifold import following, nearest_triangles, twins
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.samples import Mask
 
@@ -32,10 +31,7 @@ class Support:
 def support_of(mesh: Mesh, scan: Scan, labels: Labels) -> Support:
     """The support that the labelled ones of the points (n,) give."""
     named = labels >= 0
-    _, nearest, _ = squared_distance(
-        scan.points[named], mesh.vertices, F=mesh.faces.astype(np.int32), use_cpp=True, use_aabb=True
-    )
-    return Support(nearest.astype(np.int64), labels[named])
+    return Support(nearest_triangles(mesh, scan.points[named])[1], labels[named])
 
 
 def connected(labels: Labels, near: Adjacency) -> tuple[int, Labels]:

@@ -9,7 +9,14 @@ import pytest
 
 from sed2cad.scan.scan import Mesh
 from sed2cad.topology.faceted import decimate
-from sed2cad.topology.manifold import euler_number, is_closed_manifold, split_edges, split_fans, twins
+from sed2cad.topology.manifold import (
+    euler_number,
+    is_closed_manifold,
+    nearest_triangles,
+    split_edges,
+    split_fans,
+    twins,
+)
 from sed2cad.topology.proxy import proxy_mesh, proxy_quality, welded
 from sed2cad.topology.slivers import without_caps
 
@@ -95,3 +102,13 @@ def test_decimation_keeps_the_topology(pieces):
     assert euler_number(fewer.faces) == 0
     assert fewer.volume() == pytest.approx(mesh.volume(), rel=0.05)
     assert decimate(fewer, 1500) is fewer
+
+
+def test_a_point_is_nearest_to_the_triangle_that_it_lies_above_however_far_its_centre():
+    vertices = np.array([[0.0, 0, 0], [0.0, 0.02, 0], [1.0, 0, 0], [1.0, 0.05, 0]])
+    mesh = Mesh(vertices, np.array([[0, 2, 1], [2, 3, 1]]))
+    tip = np.array([[0.97, 1e-4, 0.003]])
+    assert np.linalg.norm(mesh.centroids() - tip, axis=1).argmin() == 1
+    distance, triangle = nearest_triangles(mesh, tip)
+    assert triangle[0] == 0
+    assert distance[0] == pytest.approx(0.003)
