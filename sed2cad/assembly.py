@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,26 +16,28 @@ from sed2cad.brep.attempt import AssemblyResult, Attempt, FacetedAttempt, Option
 from sed2cad.brep.attempt import assemble as exact_solid
 from sed2cad.brep.attempt import assemble_faceted as faceted_solid
 from sed2cad.brep.gate import Limits
+from sed2cad.brep.opening import Opening, opened
 from sed2cad.brep.worker import Failure, run_isolated
+from sed2cad.completion.complete import Completed
 from sed2cad.errors import AssemblyError
 from sed2cad.mending import mend
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.names import primitive_names
 from sed2cad.regularize import Constraint, regularize
+from sed2cad.rungs import LADDER, RAW_LADDER, Rung, Tracer
 from sed2cad.scan.scan import Frame, Mesh, Scan
 from sed2cad.settings import Settings
 from sed2cad.topology.faceted import decimate
 from sed2cad.topology.model import Topology
-from sed2cad.topology.proxy import smooth_proxy
-from sed2cad.topology.trace import Traced, trace
-from sed2cad.topology.walls import walled
+from sed2cad.topology.trace import Traced
 
 Done = Callable[[str, str], None]
 
 FACETS = "facets"
-UNREGULARISED = "exact, not regularised"
 MENDED = "mended"
+VARIANT = "variant"
 _MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
+_OPENING_SECONDS = 10.0
 _LEAST_SECONDS = 12.0  # of an attempt, and of mending, however late
 FACET_COUNTS = (1500, 3000, 6000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
 
@@ -51,47 +53,40 @@ class Assembly:
     rung: str
     failures: tuple[str, ...]  # of the rungs above, in order
     constraints: tuple[Constraint, ...] = ()
+    open_at: tuple[int, ...] = ()  # patches whose faces were left out
 
 
-@dataclass(frozen=True)
-class Rung:
-    """One way to trace and assemble the same patches."""
-
-    name: str
-    smoothness: float = 1.0  # of the labels on the proxy mesh
-    regular: bool = True  # whether parallel, coaxial, ... are made exact
-    smooth: bool = False  # whether the proxy is a Poisson surface instead of a carved one
-    walls: bool = True  # whether steps get the walls that the labels lost; without, only where there are such steps
-
-    @property
-    def key(self) -> tuple[bool, float]:
-        """Rungs with the same one are traced alike."""
-        return self.smooth, self.smoothness
+def assemble(completed: Completed, settings: Settings, done: Done) -> Assembly:
+    """The first rung of the ladder that passes the gate, without the caps that nobody asked for."""
+    assembly = assemble_closed(completed, settings, done)
+    if settings.cap or assembly.rung == FACETS:
+        return assembly
+    return _opened(assembly, completed.caps)
 
 
-LADDER = (
-    Rung("exact"),
-    Rung(UNREGULARISED, regular=False),
-    Rung("exact, smoother borders", smoothness=2.5),
-    Rung("exact, smoother borders, no walls added", smoothness=2.5, walls=False),
-    Rung("exact, second proxy", smooth=True),
-)
-RAW_LADDER = (
-    Rung(UNREGULARISED, regular=False),
-    Rung("exact, not regularised, smoother borders", smoothness=2.5, regular=False),
-    Rung("exact, not regularised, second proxy", smooth=True, regular=False),
-)
+def _opened(assembly: Assembly, caps: Sequence[int]) -> Assembly:
+    """The solid without the faces of some patches: an open shell. AssemblyError when the kernel fails on it."""
+    regions = assembly.topology.regions
+    at = {k for k, face in enumerate(assembly.solid.faces) if regions[face.region].primitive in caps}
+    if not at:
+        return assembly
+    outcome = run_isolated(opened, Opening(assembly.solid, frozenset(at)), _OPENING_SECONDS)
+    if isinstance(outcome, Failure):
+        raise AssemblyError(f"the solid could not be opened where the scan ends ({outcome.sentence})")
+    names = tuple(name for k, name in enumerate(assembly.face_names) if k not in at)
+    return replace(assembly, solid=outcome, face_names=names, open_at=tuple(caps))
 
 
-def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done: Done) -> Assembly:
+def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Assembly:
     """The first rung of the ladder that passes the gate; at its end one with faces that cannot be drawn, or facets.
 
     What comes back may be open or invalid where even that fails (its gate says so). AssemblyError when nothing at
     all could be built.
     """
+    scan, fitted = completed.scan, completed.fitted
     failures: list[str] = []
     trials: list[Trial] = []
-    tracer = Tracer(scan, fitted)
+    tracer = Tracer(scan, fitted, completed.measured, {False: completed.proxy} if completed.proxy else {})
     start = time.perf_counter()
     for rung in LADDER if settings.regularize else RAW_LADDER:
         if tracer.proxies and time.perf_counter() - start > settings.exact_seconds:
@@ -120,40 +115,7 @@ def assemble(scan: Scan, fitted: Sequence[FittedPatch], settings: Settings, done
     almost = [trial for trial in trials if trial.undrawn]
     if almost:
         return _assembly(min(almost, key=lambda trial: trial.undrawn), failures)
-    return _facets(scan, next(iter(tracer.proxies.values())), fitted, settings, failures, done)
-
-
-@dataclass
-class Tracer:
-    """Traces the patches for one rung after another; nothing is made twice."""
-
-    scan: Scan
-    fitted: Sequence[FittedPatch]
-    proxies: dict[bool, Mesh] = field(default_factory=dict)  # by Rung.smooth
-    traces: dict[tuple[bool, float], Traced] = field(default_factory=dict)  # by Rung.key
-    with_walls: dict[tuple[bool, float], tuple[Topology, list[FittedPatch]]] = field(default_factory=dict)
-
-    def trace(self, rung: Rung) -> Traced:
-        """The topology for a rung. AssemblyError when there is none."""
-        if rung.key not in self.traces:
-            if rung.smooth and rung.smooth not in self.proxies:
-                self.proxies[rung.smooth] = smooth_proxy(self.scan, self.fitted)
-            self.traces[rung.key] = trace(self.scan, self.fitted, rung.smoothness, self.proxies.get(rung.smooth))
-            self.proxies[rung.smooth] = self.traces[rung.key].proxy
-        return self.traces[rung.key]
-
-    def walled(self, rung: Rung) -> tuple[Topology, list[FittedPatch]]:
-        """The topology for a rung and its patches, with walls if it asks for them. AssemblyError."""
-        traced = self.trace(rung)
-        if not rung.walls:
-            return traced.topology, traced.fitted
-        if rung.key not in self.with_walls:
-            self.with_walls[rung.key] = walled(self.scan, traced.topology, traced.fitted)
-        return self.with_walls[rung.key]
-
-    def has_steps(self, rung: Rung) -> bool:
-        """Whether walls would change the topology. AssemblyError when there is none."""
-        return self.walled(replace(rung, walls=True))[0] is not self.trace(rung).topology
+    return _facets(completed, next(iter(tracer.proxies.values())), settings, failures, done)
 
 
 @dataclass(frozen=True)
@@ -191,7 +153,7 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, start: float, done:
     done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
     surface = np.vstack([scan.points, traced.proxy.vertices])
     options = Options(limits=_limits(scan, settings))
-    attempt = Attempt(topology, tuple(patches), scan.frame, scan.points, options, surface)
+    attempt = Attempt(topology, tuple(patches), scan.frame, tracer.measured, options, surface)
     outcome = run_isolated(exact_solid, attempt, min(settings.attempt_seconds, _left(settings, start)))
     return Trial(rung.name, attempt, traced, outcome, tuple(constraints))
 
@@ -232,14 +194,15 @@ def _assembly(trial: Trial, failures: Sequence[str]) -> Assembly:
 
 
 def _facets(
-    scan: Scan, proxy: Mesh, fitted: Sequence[FittedPatch], settings: Settings, failures: list[str], done: Done
+    completed: Completed, proxy: Mesh, settings: Settings, failures: list[str], done: Done
 ) -> Assembly:
     """The last rung: the proxy mesh as a solid of planar faces; at worst an open or invalid shell of them."""
+    scan, fitted = completed.scan, completed.fitted
     options = Options(limits=_limits(scan, settings))
     nothing = Topology((), (), np.zeros((0, 3)), proxy.volume())
     best: Assembly | None = None
     for count in FACET_COUNTS:
-        attempt = FacetedAttempt(decimate(proxy, count), scan.frame, scan.points, options)
+        attempt = FacetedAttempt(decimate(proxy, count), scan.frame, completed.measured, options)
         outcome = run_isolated(faceted_solid, attempt, settings.attempt_seconds)
         reason = _fault(outcome)
         done("assemble", f"{FACETS}: {reason or 'closed'}")
@@ -259,14 +222,19 @@ def _sound(solid: AssemblyResult) -> bool:
     return solid.gate.closed and solid.gate.valid
 
 
-def reassemble(frame: Frame, fitted: Sequence[FittedPatch], topology: Topology) -> AssemblyResult:
-    """The same faces, edges and corners on changed surfaces. AssemblyError when that fails."""
+def reassemble(
+    frame: Frame, fitted: Sequence[FittedPatch], topology: Topology, open_at: Sequence[int] = ()
+) -> Assembly:
+    """The same faces, edges and corners on changed surfaces. AssemblyError where that fails or misses the gate."""
     unknown = replace(topology, volume=math.nan)
     attempt = Attempt(unknown, tuple(fitted), frame, nowhere())
     outcome = run_isolated(exact_solid, attempt, Settings().attempt_seconds)
     if isinstance(outcome, Failure):
         raise AssemblyError(outcome.sentence)
-    return outcome
+    if not outcome.gate.passed:
+        raise AssemblyError(outcome.gate.reason)
+    changed = Assembly(tuple(fitted), topology, outcome, face_names(outcome, fitted), VARIANT, ())
+    return _opened(changed, open_at)
 
 
 def face_names(solid: AssemblyResult, fitted: Sequence[FittedPatch]) -> tuple[str, ...]:

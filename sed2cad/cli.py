@@ -116,6 +116,10 @@ def reconstruct_command(
     round_: Annotated[
         float | None, typer.Option("--round", help="Dimensions become multiples of it where the points allow.")
     ] = None,
+    cap: Annotated[bool, typer.Option("--cap", help="Close the part with flat faces where the scan ends.")] = False,
+    allow_open: Annotated[
+        bool, typer.Option("--allow-open", help="An open shell is a success where the scan does not show all.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="The same scan and seed give the same solid.")] = 0,
     device: Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="Where the network runs.")] = "auto",
     quiet: Quiet = False,
@@ -126,7 +130,7 @@ def reconstruct_command(
     from sed2cad.settings import Settings
 
     settings = Settings(
-        seed=seed, regularize=regularize, round=round_, tolerance=tolerance, device=device, unit=unit
+        seed=seed, regularize=regularize, round=round_, tolerance=tolerance, cap=cap, device=device, unit=unit
     )
     reader_of(scan)
     step = step or scan.with_suffix(".step")
@@ -144,7 +148,12 @@ def reconstruct_command(
     progress("write", ", ".join(str(path) for path in (step, document, script) if path))
     if not quiet:
         print_summary(model, step, progress.total, verbose)
-    if not model.report.closed:
+    if model.open_at and not allow_open:
+        raise AssemblyError(
+            f"{scan.name}: the scan does not show all of the part, and {step} holds a shell that is open there; "
+            "close it flat with --cap or accept it with --allow-open"
+        )
+    if not model.report.closed and not model.open_at:
         raise AssemblyError(f"{scan.name}: no closed solid could be built; {step} holds an open shell")
 
 

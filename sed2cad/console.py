@@ -61,7 +61,10 @@ def print_summary(model: CadModel, step: Path, seconds: float, verbose: bool) ->
     whole = report.deviation
     if whole.rms == whole.rms:
         print(f"deviation from the scan: rms {whole.rms:.3g}, p95 {whole.p95:.3g}, max {whole.max:.3g} {unit}")
-    print(f"volume {report.volume:.6g} {unit}^3, {seconds:.1f} s")
+    volume = f"volume {report.volume:.6g} {unit}^3, " if report.closed else ""
+    print(f"{volume}{seconds:.1f} s")
+    for boundary in report.boundaries:
+        print(f"  open {boundary}")
     if report.reason:
         print(f"warning: {report.reason}", file=sys.stderr)
     for warning in report.warnings:

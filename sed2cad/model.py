@@ -23,7 +23,7 @@ from sed2cad.scan.scan import Frame
 from sed2cad.topology.model import Topology
 
 if TYPE_CHECKING:
-    from build123d import Compound, Solid
+    from build123d import Compound, Shell, Solid
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,7 @@ class CadModel:
     brep: bytes  # the solid, world coordinates
     face_names: tuple[str, ...]  # of the faces of `brep`, in order
     report: Report
+    open_at: tuple[int, ...] = ()  # patches whose faces are left out: the shell is open there
     names: tuple[str, ...] = field(init=False)  # of the primitives: plane_1, cylinder_1, ...
 
     def __post_init__(self) -> None:
@@ -52,8 +53,8 @@ class CadModel:
         return {n: f.primitive.scaled(scale, origin) for n, f in zip(self.names, self.fitted)}
 
     @property
-    def solid(self) -> Solid | Compound:
-        """The solid for build123d (a Compound when the scan shows several bodies)."""
+    def solid(self) -> Solid | Compound | Shell:
+        """The solid for build123d; a Compound when the scan shows several bodies, a Shell where it is open."""
         from sed2cad.brep.convert import solid_from_brep
 
         return solid_from_brep(self.brep)
@@ -64,7 +65,7 @@ class CadModel:
         UsageError for an unknown primitive or parameter, AssemblyError when the changed surfaces no longer make
         a closed valid solid.
         """
-        from sed2cad.assembly import face_names, reassemble
+        from sed2cad.assembly import reassemble
 
         if not self.topology.regions:
             raise UsageError(f"{self.name}: the solid is made of facets and has no parameters to vary")
@@ -74,13 +75,13 @@ class CadModel:
                 raise UsageError(f"there is no primitive {name!r}: this model has {', '.join(self.names)}")
             i = self.names.index(name)
             fitted[i] = replace(fitted[i], primitive=self._changed(name, parameters))
-        solid = reassemble(self.frame, fitted, self.topology)
-        if not solid.gate.passed:
-            reason = solid.gate.reason
-            raise AssemblyError(f"{self.name}: the changed surfaces do not close to a valid solid ({reason})")
+        try:
+            made = reassemble(self.frame, fitted, self.topology, self.open_at)
+        except AssemblyError as error:
+            raise AssemblyError(f"{self.name}: the changed surfaces make no valid solid ({error})") from error
         return replace(
-            self, fitted=tuple(fitted), brep=solid.brep, face_names=face_names(solid, fitted),
-            report=self.report.for_variant(solid, changes),
+            self, fitted=made.fitted, brep=made.solid.brep, face_names=made.face_names,
+            report=self.report.for_variant(made.solid, changes),
         )
 
     def _changed(self, name: str, changes: Mapping[str, Any]) -> Primitive:

@@ -12,6 +12,7 @@ from pathlib import Path
 from sed2cad.absorbing import absorbed
 from sed2cad.assembly import assemble
 from sed2cad.brep.worker import warm_up
+from sed2cad.completion.complete import complete
 from sed2cad.errors import UsageError
 from sed2cad.fitting import fit_patches
 from sed2cad.joining import joined
@@ -60,7 +61,9 @@ def reconstruct_from(
         prepared, patches = segmentation(prepared, settings, clock)
         fitted = joined(prepared, absorbed(prepared, fit_patches(prepared, patches)))
         clock.done("fit", count_kinds(fitted))
-        assembly = assemble(prepared, fitted, settings, clock.done)
+        completed = complete(prepared, fitted)
+        clock.done("complete", str(completed))
+        assembly = assemble(completed, settings, clock.done)
     notes = tuple(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, UserWarning)))
     return CadModel(
         name=raw.name,
@@ -70,7 +73,8 @@ def reconstruct_from(
         topology=assembly.topology,
         brep=assembly.solid.brep,
         face_names=assembly.face_names,
-        report=summarise(assembly, prepared.frame, tuple(clock.seconds), notes),
+        report=summarise(assembly, completed, tuple(clock.seconds), notes),
+        open_at=assembly.open_at,
     )
 
 

@@ -19,6 +19,7 @@ class Settings:
     regularize: bool = True  # whether what is nearly parallel, coaxial, equal, ... becomes exactly so
     round: float | None = None  # dimensions become multiples of it where the points allow, in `unit`; None: they do not
     tolerance: float | None = None  # largest distance of points and their faces, in `unit`; None: from the noise
+    cap: bool = False  # whether flat faces close the part where the scan ends; without, the shell stays open there
     device: str = "auto"  # where the network runs: "auto", "cpu", "cuda"
     unit: str = "mm"  # of the scan's coordinates: "mm", "cm", "m", "in"
     exact_seconds: float = 30.0  # of assembly, after which no further attempt at an exact solid is begun

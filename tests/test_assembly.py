@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import sed2cad
-from sed2cad import assembly
+from sed2cad import assembly, rungs
 from sed2cad.brep.attempt import assemble, assemble_faceted
 from sed2cad.brep.worker import Failure
 from sed2cad.errors import AssemblyError
@@ -38,7 +38,7 @@ def test_facets_are_the_last_rung_and_said(monkeypatch: pytest.MonkeyPatch) -> N
     kernel(monkeypatch, assemble_faceted)
     model = sed2cad.reconstruct(box_scan())
     assert model.report.closed and model.report.rung == "facets" and model.report.exact_faces == 0
-    without_steps = [rung for rung in assembly.LADDER if rung.walls]
+    without_steps = [rung for rung in rungs.LADDER if rung.walls]
     assert model.report.reason.count("the CAD kernel crashed") == len(without_steps)
     assert any("facets" in warning for warning in model.report.warnings)
     assert model.solid.volume == pytest.approx(6000, rel=0.02)
@@ -55,7 +55,7 @@ def test_a_solid_without_constraints_is_said_to_be_one(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(assembly, "run_isolated", run)
     report = sed2cad.reconstruct(DATA / "bracket.ply").report
-    assert report.rung == assembly.UNREGULARISED and not report.constraints
+    assert report.rung == rungs.UNREGULARISED and not report.constraints
     assert any("no solid passed" in warning for warning in report.warnings)
 
 
@@ -99,15 +99,15 @@ def test_no_new_attempt_after_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_walls_are_put_in_once_for_each_trace(monkeypatch: pytest.MonkeyPatch) -> None:
     kernel(monkeypatch, assemble_faceted)
-    walled, seen = assembly.walled, []
+    walled, seen = rungs.walled, []
 
     def counted(scan: Any, topology: Any, fitted: Any) -> Any:
         seen.append(topology)
         return walled(scan, topology, fitted)
 
-    monkeypatch.setattr(assembly, "walled", counted)
+    monkeypatch.setattr(rungs, "walled", counted)
     sed2cad.reconstruct(box_scan())
-    assert len(seen) == len({rung.key for rung in assembly.LADDER})
+    assert len(seen) == len({rung.key for rung in rungs.LADDER})
 
 
 def test_a_solid_with_a_face_that_cannot_be_drawn_is_better_than_facets(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,5 +122,5 @@ def test_a_solid_with_a_face_that_cannot_be_drawn_is_better_than_facets(monkeypa
 
     monkeypatch.setattr(assembly, "run_isolated", run)
     report = sed2cad.reconstruct(box_scan()).report
-    assert report.rung == assembly.UNREGULARISED and report.exact_faces == 6
+    assert report.rung == rungs.UNREGULARISED and report.exact_faces == 6
     assert any("did not pass all checks: it cannot be drawn" in warning for warning in report.warnings)

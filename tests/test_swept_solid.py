@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sed2cad.assembly import assemble
+from sed2cad.completion.complete import Completed
 from sed2cad.fitting import fit_patches
 from sed2cad.joining import joined
 from sed2cad.model import CadModel
@@ -91,12 +92,12 @@ def test_a_scan_becomes_a_solid_with_swept_faces(name: str) -> None:
     scan, patches = scan_of(faces, part.frame, kinds)
     fitted = joined(scan, fit_patches(scan, patches))
     assert [patch.primitive.kind for patch in fitted] == [swept] + ["plane"] * (len(part.kinds) - 1)
-    found = assemble(scan, fitted, Settings(), lambda stage, message: None)
+    found = assemble(Completed(scan, fitted), Settings(), lambda stage, message: None)
     assert found.solid.gate.passed and found.rung == "exact"
     assert sorted(found.face_names) == sorted(part_names(part.kinds))
     assert found.solid.gate.volume == pytest.approx(volume, rel=5e-3)
     assert any(constraint.kind == "parallel" and constraint.patches[1] == 0 for constraint in found.constraints)
-    report = summarise(found, scan.frame, (), ())
+    report = summarise(found, Completed(scan, fitted), (), ())
     assert {face.name: face.rung for face in report.face_list}[f"{swept}_1"] == "swept"
     model = CadModel(
         name, "mm", scan.frame, found.fitted, found.topology, found.solid.brep, found.face_names, report

@@ -96,7 +96,7 @@ def check(
         stray = measured.stray(expected.surface) if len(expected.surface) else math.nan
     found = GateResult(False, "", count, closed, valid, size, ratio, near, *spread, stray, tolerance, False)
     reason = _first_fault(found, expected, limits)
-    back = None if reason else _through_step(shape)
+    back = None if reason else through_step(shape)
     hidden = () if back is None else undrawn(back, expected.diagonal)
     if not reason and back is None:
         reason = "it is no longer valid after writing and reading the STEP file"
@@ -126,8 +126,8 @@ def _first_fault(found: GateResult, expected: Expected, limits: Limits) -> str:
     return ""
 
 
-def _through_step(shape: TopoDS_Shape) -> TopoDS_Shape | None:
-    """The shape as its STEP file reads back, face for face; None where that is no longer the same valid solid."""
+def through_step(shape: TopoDS_Shape) -> TopoDS_Shape | None:
+    """The shape as its STEP file reads back, face for face; None where that is no longer the same and valid."""
     with tempfile.TemporaryDirectory(prefix="sed2cad-") as folder:
         path = Path(folder) / "check.step"
         try:
@@ -136,6 +136,8 @@ def _through_step(shape: TopoDS_Shape) -> TopoDS_Shape | None:
         except AssemblyError:
             return None
     same = len(solids(back)) == len(solids(shape)) and len(faces(back)) == len(faces(shape))
-    if not (same and is_closed(back) and is_valid(back)):
+    if not (same and is_closed(back) == is_closed(shape) and is_valid(back)):
         return None
+    if not is_closed(shape):
+        return back
     return back if math.isclose(volume(back), volume(shape), rel_tol=_ROUND_TRIP) else None

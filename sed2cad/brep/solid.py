@@ -54,14 +54,20 @@ def build_bodies(layout: Layout) -> list[Body]:
 
 def solid_of(faces: Sequence[TopoDS_Face]) -> TopoDS_Solid:
     """A solid with one shell of faces that share their edges."""
-    builder, shell, solid = BRep_Builder(), TopoDS_Shell(), TopoDS_Solid()
-    builder.MakeShell(shell)
-    for face in faces:
-        builder.Add(shell, face)
+    builder, shell, solid = BRep_Builder(), shell_of(faces), TopoDS_Solid()
     shell.Closed(True)
     builder.MakeSolid(solid)
     builder.Add(solid, shell)
     return solid
+
+
+def shell_of(faces: Sequence[TopoDS_Face]) -> TopoDS_Shell:
+    """A shell of faces that share their edges."""
+    builder, shell = BRep_Builder(), TopoDS_Shell()
+    builder.MakeShell(shell)
+    for face in faces:
+        builder.Add(shell, face)
+    return shell
 
 
 def _tolerance(edge: LayoutEdge) -> float:

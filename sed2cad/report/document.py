@@ -19,7 +19,7 @@ from sed2cad.model import CadModel
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.names import primitive_names
 from sed2cad.primitives.registry import read_primitive
-from sed2cad.report.report import ConstraintSummary, Deviation, FaceSummary, Report
+from sed2cad.report.report import Boundary, ConstraintSummary, Deviation, FaceSummary, Report
 from sed2cad.scan.scan import Frame
 from sed2cad.topology.model import Chain, Region, Topology
 
@@ -85,6 +85,7 @@ def _document(model: CadModel) -> dict[str, Any]:
                 for r in model.topology.regions
             ],
         },
+        "open_at": [model.names[k] for k in model.open_at],
         "face_names": model.face_names,
         "report": asdict(model.report),
         "brep": base64.b64encode(zlib.compress(model.brep, 9)).decode("ascii"),
@@ -94,15 +95,17 @@ def _document(model: CadModel) -> dict[str, Any]:
 def _model(document: dict[str, Any]) -> CadModel:
     frame = Frame(np.array(document["frame"]["origin"], float), float(document["frame"]["scale"]))
     fitted = tuple(_fitted(entry, frame) for entry in document["primitives"].values())
+    names = primitive_names(fitted)
     return CadModel(
         name=document["name"],
         unit=document["unit"],
         frame=frame,
         fitted=fitted,
-        topology=_topology(document["topology"], frame, primitive_names(fitted)),
+        topology=_topology(document["topology"], frame, names),
         brep=zlib.decompress(base64.b64decode(document["brep"])),
         face_names=tuple(document["face_names"]),
         report=_report(document["report"]),
+        open_at=tuple(names.index(name) for name in document["open_at"]),
     )
 
 
@@ -137,13 +140,20 @@ def _report(entry: dict[str, Any]) -> Report:
     deviation = Deviation(*(math.nan if entry["deviation"][k] is None else float(entry["deviation"][k])
                             for k in ("rms", "p95", "max")))
     return Report(
-        **{k: entry[k] for k in ("closed", "rung", "reason", "faces", "exact_faces", "volume")},
+        **{k: entry[k] for k in ("closed", "rung", "reason", "faces", "exact_faces")},
+        volume=math.nan if entry["volume"] is None else float(entry["volume"]),
         deviation=deviation,
         face_list=tuple(FaceSummary(**face) for face in entry["face_list"]),
         constraints=tuple(_constraint(constraint) for constraint in entry["constraints"]),
         seconds=tuple((str(stage), float(t)) for stage, t in entry["seconds"]),
         warnings=tuple(entry["warnings"]),
+        boundaries=tuple(_boundary(boundary) for boundary in entry["boundaries"]),
     )
+
+
+def _boundary(entry: dict[str, Any]) -> Boundary:
+    x, y, z = map(float, entry["centre"])
+    return Boundary(tuple(entry["faces"]), float(entry["length"]), (x, y, z))
 
 
 def _constraint(entry: dict[str, Any]) -> ConstraintSummary:

@@ -29,6 +29,20 @@ class FaceSummary:
 
 
 @dataclass(frozen=True)
+class Boundary:
+    """Where an open shell ends."""
+
+    faces: tuple[str, ...]  # names of the primitives along it
+    length: float  # in the scan's unit
+    centre: tuple[float, float, float]  # of its corners' box, scan's unit and frame
+
+    def __str__(self) -> str:
+        """"around (0, 0, -24), 318 long, along plane_1, cylinder_3"."""
+        place = ", ".join(f"{x:.4g}" for x in self.centre)
+        return f"around ({place}), {self.length:.4g} long, along {', '.join(self.faces)}"
+
+
+@dataclass(frozen=True)
 class ConstraintSummary:
     """What was made exact. Lengths in the scan's unit, angles in degrees."""
 
@@ -66,6 +80,7 @@ class Report:
     constraints: tuple[ConstraintSummary, ...] = ()
     seconds: tuple[tuple[str, float], ...] = ()  # per stage
     warnings: tuple[str, ...] = field(default=())
+    boundaries: tuple[Boundary, ...] = ()  # of an open shell
 
     def for_variant(self, solid: AssemblyResult, changed: Collection[str]) -> Report:
         """The report of a variant: what was measured on the scan no longer holds, what was built does.
@@ -74,7 +89,7 @@ class Report:
         """
         unknown = Deviation(float("nan"), float("nan"), float("nan"))
         return replace(
-            self, closed=solid.gate.passed, rung="variant", reason="", volume=solid.gate.volume,
+            self, closed=solid.gate.closed, rung="variant", reason="", volume=solid.gate.volume,
             constraints=tuple(c for c in self.constraints if not set(changed) & set(c.faces)),
             deviation=unknown, seconds=(), warnings=("a variant: it was not compared with the scan",),
         )

@@ -5,20 +5,25 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from sed2cad.assembly import FACETS, UNREGULARISED, Assembly
+import numpy as np
+
+from sed2cad.assembly import FACETS, Assembly
+from sed2cad.completion.complete import Completed
 from sed2cad.constraints import Constraint
+from sed2cad.geometry.chains import length
 from sed2cad.primitives.names import primitive_names
-from sed2cad.report.report import ConstraintSummary, Deviation, FaceSummary, Report
+from sed2cad.report.report import Boundary, ConstraintSummary, Deviation, FaceSummary, Report
+from sed2cad.rungs import UNREGULARISED
 from sed2cad.scan.scan import Frame
 
 ANGULAR = ("parallel", "perpendicular", "angle", "half_angle")  # kinds and measures
 
 
 def summarise(
-    assembly: Assembly, frame: Frame, seconds: tuple[tuple[str, float], ...], notes: tuple[str, ...]
+    assembly: Assembly, completed: Completed, seconds: tuple[tuple[str, float], ...], notes: tuple[str, ...]
 ) -> Report:
     """What the user is told, in the scan's unit. A fallback is a warning, never silent."""
-    gate = assembly.solid.gate
+    gate, frame = assembly.solid.gate, completed.scan.frame
     faces = tuple(
         FaceSummary(name, face.rung, face.deviation) for name, face in zip(assembly.face_names, assembly.solid.faces)
     )
@@ -32,7 +37,8 @@ def summarise(
         warnings += _replaced(assembly)
     if assembly.rung == UNREGULARISED and assembly.failures:
         warnings.append("nothing was made parallel, equal, ... or rounded: with that, no solid passed the checks")
-    if not gate.passed:
+    warnings += _unseen(assembly, completed)
+    if not gate.passed and not assembly.open_at:
         warnings.append(f"the solid did not pass all checks: {gate.reason}")
     freeform = sum(face.rung == "bspline" for face in faces)
     if freeform:
@@ -49,7 +55,32 @@ def summarise(
         constraints=tuple(_told(c, names, frame.scale) for c in assembly.constraints),
         seconds=seconds,
         warnings=tuple(warnings),
+        boundaries=_boundaries(assembly, names, frame),
     )
+
+
+def _unseen(assembly: Assembly, completed: Completed) -> list[str]:
+    """What the solid shows and the scan does not."""
+    if not completed.added:
+        return []
+    said = [f"{completed} where the scan shows nothing"]
+    if completed.caps and assembly.rung == FACETS:
+        said.append("facets close the part there, too")
+    return said
+
+
+def _boundaries(assembly: Assembly, names: tuple[str, ...], frame: Frame) -> tuple[Boundary, ...]:
+    """The loops that the faces which were left out had."""
+    topology = assembly.topology
+    found = []
+    for loop in (loop for region in topology.regions if region.primitive in assembly.open_at for loop in region.loops):
+        chains = [topology.chains[chain] for chain, _ in loop]
+        beside = [chain.right if direction > 0 else chain.left for chain, (_, direction) in zip(chains, loop)]
+        along = dict.fromkeys(names[topology.regions[number].primitive] for number in beside)
+        points = frame.to_world(np.vstack([chain.points for chain in chains]))
+        x, y, z = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
+        found.append(Boundary(tuple(along), frame.scale * sum(length(c.points, c.closed) for c in chains), (x, y, z)))
+    return tuple(found)
 
 
 def _replaced(assembly: Assembly) -> list[str]:

@@ -49,7 +49,7 @@ def carved(samples: Samples, spacing: float) -> Mesh:
     Cut more and less smoothly: what goes wrong makes tunnels, so the surface with the fewest handles is kept.
     """
     tetrahedra = triangulated(samples.points, spacing)
-    votes = _votes(tetrahedra, samples)
+    votes = sample_votes(tetrahedra, samples)
     first, across = np.nonzero(tetrahedra.neighbours > np.arange(len(votes))[:, None])
     pairs = np.column_stack([first, tetrahedra.neighbours[first, across]])
     prices = _facet_prices(tetrahedra, tetrahedra.facets(first, across), samples, spacing)
@@ -82,7 +82,7 @@ def triangulated(points: Array, spacing: float) -> Tetrahedra:
     return Tetrahedra(moved, corners, neighbours)
 
 
-def _votes(tetrahedra: Tetrahedra, samples: Samples) -> Array:
+def sample_votes(tetrahedra: Tetrahedra, samples: Samples) -> Array:
     """How strongly the samples around each tetrahedron (t,) call it outside (+, at most 4) or inside (-)."""
     corner = tetrahedra.corners.ravel()
     far = corner >= len(samples)

@@ -31,7 +31,7 @@ class Samples:
     def __len__(self) -> int:
         return len(self.points)
 
-    def __getitem__(self, at: Mask | Labels) -> Samples:
+    def __getitem__(self, at: Mask | Labels | slice) -> Samples:
         return Samples(self.points[at], self.labels[at], self.normals[at], self.convex[at])
 
     def __add__(self, other: Samples) -> Samples:

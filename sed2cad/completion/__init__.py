@@ -1,0 +1,1 @@
+"""Completing what the scan does not show."""

@@ -1,0 +1,170 @@
+"""What the scan does not show is completed: faces go on until they meet, and flat caps close what is left.
+
+A minimum cut chooses among samples of the surfaces around each gap, extended into it, and of caps at which the scan
+ends: area on an extended surface is cheap, on a cap dearer, off all surfaces dearest. The samples on the cut join the
+points of the scan, so that all later stages see a scan without gaps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from sed2cad.completion.caps import Cap, flat_caps
+from sed2cad.completion.cut import on_cheapest
+from sed2cad.completion.extensions import samples_in_ball
+from sed2cad.completion.gaps import Gap, find_gaps
+from sed2cad.components import components
+from sed2cad.errors import AssemblyError
+from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.cone import Cone
+from sed2cad.primitives.plane import Plane
+from sed2cad.scan.scan import Array, Mesh, Scan
+from sed2cad.topology.edges import surface_samples
+from sed2cad.topology.proxy import closed_input, proxy_mesh, proxy_quality
+from sed2cad.topology.samples import Samples, on_surfaces, settled_labels
+
+_GOOD = 0.02  # share of the points that a proxy may miss: else it is no proxy, and what it closes no gap
+_WIDER = 1.5  # radii of a gap's ball in which surfaces are extended
+_APART = 0.35  # reaches: samples nearer to the scan's points are not needed
+_LINKED = 1.8  # spacings between neighbouring samples
+_SLACK = 0.25  # spacings beyond a cap
+_DOUBLE = 0.5  # reaches: a cap nearer than this to another surface, for most of it, is not needed
+_LEAST = 8  # samples of a cap that is one
+
+
+@dataclass(frozen=True)
+class Completed:
+    """A scan and its patches with points where the scan shows none."""
+
+    scan: Scan
+    fitted: list[FittedPatch]
+    caps: tuple[int, ...] = ()  # indices of the patches that only close a gap
+    proxy: Mesh | None = None  # of the scan; None where it was changed
+    added: int = 0  # points at the end of the scan's that were not measured
+
+    @property
+    def measured(self) -> Array:
+        """The points (n, 3) of the scan that were measured."""
+        return self.scan.points[: len(self.scan.points) - self.added]
+
+    def __str__(self) -> str:
+        """"faces were extended and 1 flat cap was added"."""
+        if not self.added:
+            return "the scan shows all of the part"
+        count = len(self.caps)
+        capped = f" and {count} flat cap{'s were' if count > 1 else ' was'} added" if count else ""
+        return f"faces were extended{capped}"
+
+
+def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
+    """The scan with its gaps closed, the largest first. A closed mesh has none."""
+    own = closed_input(scan)
+    if own is not None:
+        return Completed(scan, list(fitted), proxy=own)
+    try:
+        mesh = proxy_mesh(scan, fitted)
+    except AssemblyError:  # another rung of the ladder may find one
+        return Completed(scan, list(fitted))
+    gaps = find_gaps(scan, mesh) if proxy_quality(mesh, scan) < _GOOD else []
+    if not gaps:
+        return Completed(scan, list(fitted), proxy=mesh)
+    part = _Part(scan, list(fitted), settled_labels(scan, fitted), surface_samples(scan, fitted))
+    for gap in sorted(gaps, key=lambda gap: -gap.radius):
+        part.close(gap)
+    return part.completed() if len(part.found) else Completed(scan, list(fitted), proxy=mesh)
+
+
+@dataclass
+class _Part:
+    """What is known of a part, and found in its gaps so far."""
+
+    scan: Scan
+    patches: list[FittedPatch]  # of the scan, then caps
+    owner: NDArray[np.int64]  # (n,) patch of each point of the scan, -1 for none
+    faces: Samples  # of what the scan shows and of what was found
+    measured: int = field(init=False)  # patches of the scan
+    found: Samples = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.measured, self.found = len(self.patches), self.faces[:0]
+
+    def close(self, gap: Gap) -> None:
+        """Find the samples that close a gap."""
+        caps = flat_caps(self.scan, gap, self.patches)
+        around = [k for k in self._beside(gap) if not self.patches[k].primitive.freeform]
+        around += range(len(self.patches), len(self.patches) + len(caps))
+        self.patches += [cap.patch for cap in caps]
+        candidates = self._candidates(gap, around, caps)
+        more = self._without_doubles(on_cheapest(self.scan, gap, self.faces, candidates, self.measured), gap.reach)
+        labels = more.labels[:, 0]
+        more = Samples.within_faces(more.points, labels, on_surfaces(more.points, labels, self.patches)[1])
+        self.found += more
+        self.faces += more
+
+    def _beside(self, gap: Gap) -> list[int]:
+        """The patches of the rim, and the caps of other gaps that come near."""
+        near = np.linalg.norm(self.faces.points - gap.centre, axis=1) < gap.radius + gap.reach
+        labels = self.faces.labels[near, 0]
+        beside = np.union1d(self.owner[gap.rim], labels[labels >= self.measured])
+        return [k for k in beside.tolist() if k >= 0]
+
+    def _candidates(self, gap: Gap, around: Sequence[int], caps: Sequence[Cap]) -> Samples:
+        """Samples, without normals, of the patches around a gap where these have none yet, up to the caps."""
+        points: list[Array] = []
+        for k in around:
+            surface = self.patches[k].primitive
+            more = samples_in_ball(surface, gap.centre, _WIDER * gap.radius, gap.spacing)
+            if caps and isinstance(surface, Plane | Cone):  # what has no end ends at a cap
+                more = more[np.all([cap.is_within(more, _SLACK * gap.spacing) for cap in caps], axis=0)]
+            own = self.faces.points[(self.faces.labels == k).any(axis=1)]
+            if len(own):
+                away, _ = cKDTree(own).query(more)
+                more = more[away > _APART * gap.reach]
+                more = more[_reached(more, self.scan.points[gap.rim], gap)]
+            points.append(more)
+        labels = np.repeat(np.array(around, dtype=np.int64), [len(more) for more in points])
+        together = np.vstack([np.zeros((0, 3)), *points])
+        return Samples.within_faces(together, labels, np.zeros_like(together))
+
+    def _without_doubles(self, found: Samples, reach: float) -> Samples:
+        """The samples without caps that mostly run along another surface, as the tangent plane of a bore does."""
+        labels = found.labels[:, 0]
+        others = np.vstack([self.faces.points, found.points[labels < self.measured]])
+        off, _ = cKDTree(others).query(found.points)
+        caps = np.unique(labels[labels >= self.measured])
+        double = [k for k in caps if np.median(off[labels == k]) < _DOUBLE * reach]
+        return found[~np.isin(labels, double)]
+
+    def completed(self) -> Completed:
+        """The scan with what was found as points of its patches."""
+        labels = self.found.labels[:, 0]
+        counts = np.bincount(labels, minlength=len(self.patches))
+        kept = [k for k in range(len(self.patches)) if k < self.measured or counts[k] >= _LEAST]
+        found = self.found[np.isin(labels, kept)]
+        scan, labels = self.scan, found.labels[:, 0]
+        fitted = [_with_points(self.patches[k], len(scan.points) + np.flatnonzero(labels == k)) for k in kept]
+        points, normals = np.vstack([scan.points, found.points]), np.vstack([scan.normals, found.normals[:, 0]])
+        whole = replace(scan, points=points, normals=normals, mesh=None, part=None, triangle=None)
+        return Completed(whole, fitted, tuple(range(self.measured, len(fitted))), None, len(found))
+
+
+def _with_points(patch: FittedPatch, more: NDArray[np.int64]) -> FittedPatch:
+    """The patch with more points, which its surface is not fitted to."""
+    indices = np.concatenate([patch.patch.indices, more])
+    interior = np.concatenate([patch.patch.interior, np.zeros(len(more), dtype=bool)])
+    return replace(patch, patch=replace(patch.patch, indices=indices, interior=interior))
+
+
+def _reached(points: Array, rim: Array, gap: Gap) -> NDArray[np.bool_]:
+    """Which samples (n, 3) of a face hang together with some that are near the rim (m, 3): not the mouths of bores."""
+    if len(points) == 0:
+        return np.zeros(0, dtype=bool)
+    pairs = cKDTree(points).query_pairs(_LINKED * gap.spacing, output_type="ndarray")
+    _, part = components(len(points), pairs.astype(np.int64))
+    off, _ = cKDTree(rim).query(points)
+    return np.isin(part, np.unique(part[off < gap.reach]))

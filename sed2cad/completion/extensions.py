@@ -1,0 +1,33 @@
+"""Samples of surfaces beyond their points: in the ball around a gap."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sed2cad.primitives.base import Primitive
+from sed2cad.scan.scan import Array
+
+_FIRST = 6  # cells along the box around a ball, before any is divided
+_HALF = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5  # from a cell's centre to those of its eight parts, in their size
+
+
+def samples_in_ball(primitive: Primitive, centre: Array, radius: float, spacing: float) -> Array:
+    """Points (n, 3) of a surface in a ball, about `spacing` apart: cells near the surface are divided (an octree)."""
+    levels = max(0, int(np.ceil(np.log2(2 * radius / (_FIRST * spacing)))))
+    size = spacing * 2**levels
+    cells = np.arange(-radius, radius + size, size)
+    found = centre + np.stack(np.meshgrid(cells, cells, cells), axis=-1).reshape(-1, 3)
+    for level in range(levels + 1):
+        reach = np.sqrt(3) / 2 * size
+        inside = np.linalg.norm(found - centre, axis=1) < radius + reach
+        found = found[inside]
+        found = found[np.abs(primitive.distance(found)) < reach]
+        if level < levels:
+            size /= 2
+            found = (found[:, None, :] + size * _HALF).reshape(-1, 3)
+    feet = primitive.project(found)
+    cell = np.floor(feet / spacing).astype(np.int64)
+    _, first = np.unique(cell, axis=0, return_index=True)
+    feet = feet[first]
+    on = np.abs(primitive.distance(feet)) < 0.01 * spacing
+    return feet[on & (np.linalg.norm(feet - centre, axis=1) < radius)]

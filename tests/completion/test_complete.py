@@ -1,0 +1,155 @@
+"""Gaps are found, and closed by what the faces around them say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sed2cad.completion.caps import flat_caps
+from sed2cad.completion.complete import Completed, complete
+from sed2cad.completion.extensions import samples_in_ball
+from sed2cad.completion.gaps import find_gaps
+from sed2cad.primitives.base import Primitive
+from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.sphere import Sphere
+from sed2cad.topology.proxy import proxy_mesh
+from tests.completion.scans import on_a_table, seen
+from tests.topology.scans import box, box_mesh, box_with_hole, ring, scan_of, sphere, stacked_cylinder, wall
+
+Z = np.array([0.0, 0.0, 1.0])
+ROUND = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+
+
+def cap_of(found: Completed) -> Plane:
+    """The plane of the only cap."""
+    (index,) = found.caps
+    plane = found.fitted[index].primitive
+    assert isinstance(plane, Plane)
+    return plane
+
+
+def added(found: Completed) -> np.ndarray:
+    return found.scan.points[len(found.measured) :]
+
+
+@pytest.mark.parametrize("surface", [Plane(Z, 0.1), Sphere(np.zeros(3), 0.3), Cylinder(Z, np.zeros(3), 0.2)])
+def test_samples_cover_the_surface_in_the_ball(surface: Primitive) -> None:
+    centre, radius, spacing = np.array([0.1, 0.2, 0.05]), 0.35, 0.02
+    points = samples_in_ball(surface, centre, radius, spacing)
+    assert np.abs(surface.distance(points)).max() < 1e-9
+    assert np.linalg.norm(points - centre, axis=1).max() <= radius
+    anywhere = centre + radius * np.random.default_rng(0).uniform(-1, 1, (2000, 3))
+    feet = surface.project(anywhere)
+    feet = feet[np.linalg.norm(feet - centre, axis=1) < radius - spacing]
+    nearest = np.linalg.norm(feet[:, None] - points[None], axis=2).min(axis=1)
+    assert nearest.max() < 1.5 * spacing
+
+
+@pytest.mark.parametrize("pieces", [box(), box_with_hole(), stacked_cylinder(), sphere()])
+def test_a_scan_that_shows_all_is_left_alone(pieces: list) -> None:
+    scan, fitted = scan_of(pieces)
+    found = complete(scan, fitted)
+    assert found.scan is scan and not found.caps and not found.added and found.proxy is not None
+    assert str(found) == "the scan shows all of the part"
+
+
+def test_a_closed_mesh_has_no_gaps() -> None:
+    scan, fitted = scan_of(box(), count=600)
+    mesh = box_mesh((0.7, 0.5, 0.4))
+    found = complete(type(scan)(scan.points, scan.normals, mesh, scan.frame, 0.0, scan.spacing), fitted)
+    assert found.proxy is not None and not found.added
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), ROUND])
+def test_a_part_on_a_table_has_one_gap_and_one_cap(turn: np.ndarray) -> None:
+    scan, fitted = on_a_table(*scan_of(box()))
+    scan = type(scan)(scan.points @ turn.T, scan.normals @ turn.T, None, scan.frame, 0.0, scan.spacing)
+    fitted = [
+        type(patch)(patch.patch, Plane(turn @ patch.primitive.normal_vector, patch.primitive.offset), 1, 0.0,
+                    patch.covariance)
+        for patch in fitted
+    ]
+    (gap,) = find_gaps(scan, proxy_mesh(scan, fitted))
+    assert gap.centre == pytest.approx(turn @ [0, 0, -0.2], abs=0.02)
+    assert gap.radius == pytest.approx(np.hypot(0.35, 0.25), abs=0.03)
+    assert gap.outwards == pytest.approx(turn @ -Z, abs=0.05)
+    found = complete(scan, fitted)
+    assert cap_of(found).normal_vector == pytest.approx(turn @ -Z, abs=1e-6)
+    assert cap_of(found).offset == pytest.approx(0.2, abs=0.01)
+    own = added(found)[found.fitted[found.caps[0]].patch.indices - len(found.measured)] @ turn
+    assert (np.abs(own) - [0.35, 0.25, 0.2]).max() < 1.5 * gap.spacing
+    assert (found.measured == scan.points).all()
+    assert str(found) == "faces were extended and 1 flat cap was added"
+
+
+def test_a_bore_that_the_scan_shows_goes_through_the_cap() -> None:
+    scan, fitted = on_a_table(*scan_of(box_with_hole(), 8000))
+    found = complete(scan, fitted)
+    own = added(found)[found.fitted[found.caps[0]].patch.indices - len(found.measured)]
+    assert np.linalg.norm(own[:, :2], axis=1).min() > 0.11
+
+
+def test_a_pocket_ends_at_the_last_points_of_its_wall() -> None:
+    """The floor looks up, and the wall is above it."""
+    pieces = [*box()[:-1], wall(0.12, -0.05, 0.2, -1), ring(0.12, 0.2, 0.2, 1)]
+    scan, fitted = scan_of(pieces, 8000)
+    top = fitted[-1].primitive
+    around = np.random.default_rng(0).uniform(-0.5, 0.5, (1500, 2)) * [0.7, 0.5]
+    around = around[np.linalg.norm(around, axis=1) > 0.2]
+    assert isinstance(top, Plane)
+    more = np.column_stack([around, np.full(len(around), 0.2)])
+    points = np.vstack([scan.points, more])
+    normals = np.vstack([scan.normals, np.broadcast_to(Z, more.shape)])
+    rim = fitted[-1].patch
+    indices = np.concatenate([rim.indices, len(scan.points) + np.arange(len(more))])
+    fitted[-1] = type(fitted[-1])(
+        type(rim)(indices, "plane", np.ones(len(indices), bool)), top, 1, 0.0, fitted[-1].covariance
+    )
+    scan = type(scan)(points, normals, None, scan.frame, 0.0, scan.spacing)
+    found = complete(scan, fitted)
+    assert cap_of(found).normal_vector == pytest.approx(Z, abs=1e-6)
+    assert cap_of(found).offset == pytest.approx(-0.05, abs=0.01)
+
+
+def test_planes_go_on_to_their_common_corner() -> None:
+    scan, fitted = scan_of(box(), 8000)
+    corner = np.array([0.35, 0.25, 0.2])
+    scan, fitted = seen(scan, fitted, np.linalg.norm(scan.points - corner, axis=1) > 0.15)
+    found = complete(scan, fitted)
+    assert not found.caps and str(found) == "faces were extended"
+    assert np.linalg.norm(added(found) - corner, axis=1).min() < 0.03
+    outside = (np.abs(added(found)) - [0.35, 0.25, 0.2]).max(axis=1)
+    assert outside.min() == pytest.approx(0, abs=1e-9)  # all are on planes of the box
+    assert outside.max() < 0.012  # and none a sample beyond their edges
+
+
+def test_half_a_cylinder_is_turned_about_its_axis_not_cut_flat() -> None:
+    scan, fitted = scan_of(stacked_cylinder(), 8000)
+    high = scan.points[:, 2] > 0.02
+    side = high & (scan.points[:, 0] < 0) & (np.abs(scan.normals[:, 2]) < 0.5)
+    scan, fitted = seen(scan, fitted, ~side)
+    found = complete(scan, fitted)
+    assert not found.caps
+    more = added(found)
+    behind = more[(more[:, 0] < -0.1) & (more[:, 2] > 0.05) & (more[:, 2] < 0.28)]
+    assert len(behind) > 50
+    assert np.linalg.norm(behind[:, :2], axis=1) == pytest.approx(0.2, abs=1e-6)
+
+
+def test_a_tangent_plane_of_the_rim_of_a_ball_is_no_cap() -> None:
+    """A sphere seen from above closes itself: nothing flat is needed."""
+    scan, fitted = scan_of(sphere(), 6000)
+    scan, fitted = seen(scan, fitted, scan.points[:, 2] > -0.15)
+    found = complete(scan, fitted)
+    assert not found.caps
+    assert added(found)[:, 2].min() < -0.28
+
+
+def test_caps_hold_the_rim_on_the_side_of_the_scan() -> None:
+    scan, fitted = on_a_table(*scan_of(box()))
+    (gap,) = find_gaps(scan, proxy_mesh(scan, fitted))
+    (cap,) = flat_caps(scan, gap, fitted)
+    assert cap.side == -1
+    assert cap.is_within(scan.points, 1e-3).mean() > 0.99
+    assert not cap.is_within(np.array([[0.0, 0.0, -0.3]]), 1e-3).any()
