@@ -19,7 +19,8 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Literal, TypeVar
 
@@ -28,6 +29,8 @@ R = TypeVar("R")
 
 _START = 120.0  # seconds a worker may take to import the kernel on a busy machine
 _GRACE = 10.0  # seconds after which a worker that was not stopped stops itself (its parent has died)
+_FEW = 6  # payloads that are not worth sending
+_PATIENCE = 60.0  # seconds until they are done here after all
 _PRELOAD = "sed2cad.brep.attempt"
 _LENGTH = struct.Struct("<Q")
 
@@ -57,6 +60,25 @@ def run_isolated(job: Callable[[P], R], payload: P, timeout: float) -> R | Failu
         _give_back(worker)
     result: R | Failure = answer
     return result
+
+
+def run_each(job: Callable[[P], R], payloads: Sequence[P]) -> list[R]:
+    """job(payload) of each, every other one in a worker meanwhile: work of any kind, on two cores."""
+    if len(payloads) < _FEW:
+        return [job(payload) for payload in payloads]
+    mine, theirs = payloads[::2], payloads[1::2]
+    with ThreadPoolExecutor(1) as beside:
+        away = beside.submit(run_isolated, _one_by_one, (job, theirs), _PATIENCE)
+        here = _one_by_one((job, mine))
+        there = away.result()
+    done: list[Any] = [None] * len(payloads)
+    done[::2], done[1::2] = here, _one_by_one((job, theirs)) if isinstance(there, Failure) else there
+    return done
+
+
+def _one_by_one(work: tuple[Callable[[P], R], Sequence[P]]) -> list[R]:
+    job, payloads = work
+    return [job(payload) for payload in payloads]
 
 
 def run_alone(job: Callable[[P], R], payload: P, timeout: float) -> R | Failure:

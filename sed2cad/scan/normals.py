@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,7 +86,8 @@ def _best_planes(points: Array) -> tuple[_Planes, NDArray[np.int64]]:
     near = np.empty((n, min(REACH, n)), dtype=np.int64)
     best = _Planes(np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n))
     tree = search_tree(points)
-    for start in range(0, n, CHUNK):
+
+    def do(start: int) -> None:
         rows = np.arange(start, min(start + CHUNK, n))
         _, index = tree.query(points[rows], min(SCALES[-1], n))
         near[rows] = index[:, :REACH]
@@ -95,6 +97,9 @@ def _best_planes(points: Array) -> tuple[_Planes, NDArray[np.int64]]:
             chosen.put(planes.error(points[rows]) < chosen.error(points[rows]), planes)
         for mine, theirs in zip(vars(best).values(), vars(chosen).values()):
             mine[rows] = theirs
+
+    with ThreadPoolExecutor() as pool:  # numpy and the tree let other threads work meanwhile
+        list(pool.map(do, range(0, n, CHUNK)))
     return best, near
 
 

@@ -39,18 +39,36 @@ class Choice:
     price: float
 
 
-def choose(
-    points: Array, normals: Array, tolerances: Tolerances, freeform: float = 0.0, corners: Corners | None = None
-) -> Choice | None:
-    """The kind of least data cost + price over points (n, 3).
+@dataclass(frozen=True)
+class Case:
+    """Points of what may be one surface, no more than it takes to choose its kind."""
+
+    points: Array  # (m, 3)
+    normals: Array  # (m, 3)
+    count: int  # of the points that they stand for
+    tolerances: Tolerances
+    freeform: float = 0.0  # probability that no analytic kind is meant
+    corners: Corners | None = None  # on a mesh of a CAD system
+
+    @classmethod
+    def of(
+        cls, points: Array, normals: Array, tolerances: Tolerances, freeform: float = 0.0,
+        corners: Corners | None = None,
+    ) -> Case:
+        """That of points (n, 3)."""
+        count = len(points)
+        if corners is not None:
+            corners = corners[evenly(count, min(count, MOST_POINTS))].alone()
+        return cls(*thinned(points, normals, MOST_POINTS), count, tolerances, freeform, corners)
+
+
+def choose(case: Case) -> Choice | None:
+    """The kind of least data cost + price.
 
     Simple kinds first; a kind that leaves nothing to explain ends the search. A B-spline is tried where the analytic
-    kinds leave much and the points are likely to be `freeform` (probability).
+    kinds leave much and the points are likely to be freeform.
     """
-    count = len(points)
-    if corners is not None and count > MOST_POINTS:
-        corners = corners[evenly(count, MOST_POINTS)]
-    points, normals = thinned(points, normals, MOST_POINTS)
+    points, normals, tolerances, corners = case.points, case.normals, case.tolerances, case.corners
     best: Choice | None = None
     least = np.inf
     for kind in SIMPLE_FIRST if corners is None else ONE_BAND:
@@ -65,12 +83,12 @@ def choose(
         explained = best is not None and best.cost < (0.5 if kind == "plane" else 0.7) * len(points)
         if explained or (best is found and corners is not None and corners.settle(found.primitive)):
             break
-    if freeform > LIKELY and len(points) >= 16 and (best is None or best.cost > 1.5 * len(points)):
+    if case.freeform > LIKELY and len(points) >= 16 and (best is None or best.cost > 1.5 * len(points)):
         surface = fit_bspline(points, normals, tolerances.distance)
         rated = None if surface is None else _rate(surface, points, normals, tolerances, corners)
         if rated is not None and (best is None or rated.cost < 0.7 * best.cost):
             best = rated
-    return best and replace(best, cost=best.cost * count / len(points))
+    return best and replace(best, cost=best.cost * case.count / len(points))
 
 
 def plausible(points: Array, normals: Array, tolerances: Tolerances) -> list[str]:

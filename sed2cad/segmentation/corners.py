@@ -56,6 +56,11 @@ class Corners:
     def __getitem__(self, members: NDArray[np.int64]) -> Corners:
         return Corners(self.vertices, self.triangles[members], self.normals[members], self.facets[members])
 
+    def alone(self) -> Corners:
+        """The same without the vertices that none of the points has around it."""
+        own, triangles = np.unique(self.triangles, return_inverse=True)
+        return Corners(self.vertices[own], triangles.reshape(-1, 3), self.normals, self.facets)
+
     def off(self, primitive: Primitive) -> Array:
         """Largest distance (n,) of the three from a primitive; infinite from one that only comes near its points."""
         if not primitive.freedom:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from sed2cad.segmentation.choose import Choice, choose
+from sed2cad.brep.worker import run_each
+from sed2cad.segmentation.choose import Case, Choice, choose
 from sed2cad.segmentation.corners import Corners
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances, data_cost, mean_field, reach
 from sed2cad.segmentation.graph import Graph
@@ -80,6 +82,7 @@ class Refiner:
         labels = np.full(self.graph.size, UNEXPLAINED)
         least = np.full(self.graph.size, self.tolerances.cap)
         primitives: list[Choice] = []
+        self._choose_ahead(members for clusters in proposals for members in groups(clusters))
         for clusters in proposals:
             for members in groups(clusters):
                 found = self._choose(members)
@@ -147,6 +150,7 @@ class Refiner:
 
     def refit(self, state: State) -> State:
         """Every patch chooses its kind again and fits it."""
+        self._choose_ahead(groups(state.labels))
         fitted = [self._choose(m) or p for m, p in zip(groups(state.labels), state.primitives)]
         return replace(state, primitives=tuple(fitted))
 
@@ -156,8 +160,10 @@ class Refiner:
         free = state.labels == UNEXPLAINED
         labels, primitives = state.labels.copy(), list(state.primitives)
         pieces = self.graph.components(free[i] & free[j] & (self.graph.weights > 0.2))
-        for piece in np.flatnonzero(np.bincount(pieces[free], minlength=len(free)) >= FEWEST):
-            members = np.flatnonzero((pieces == piece) & free)
+        large = np.flatnonzero(np.bincount(pieces[free], minlength=len(free)) >= FEWEST)
+        sets = [np.flatnonzero((pieces == piece) & free) for piece in large]
+        self._choose_ahead(sample for members in sets for sample in self._samples(members))
+        for members in sets:
             for found, held in self._explain(members):
                 labels[held] = len(primitives)
                 primitives.append(found)
@@ -169,7 +175,9 @@ class Refiner:
         out: list[tuple[Choice, NDArray[np.int64]]] = []
         while len(members) >= FEWEST and len(out) < 12:
             best_gain, best = 0.0, None
-            for sample in self._samples(members):
+            samples = self._samples(members)
+            self._choose_ahead(samples)
+            for sample in samples:
                 found = self._choose(sample)
                 if found is None:
                     continue
@@ -200,7 +208,13 @@ class Refiner:
         labels, primitives = state.labels.copy(), list(state.primitives)
         alias = np.arange(len(primitives))
         costs: dict[int, float] = {}  # of the patches' points
-        for a, b in self._near_pairs(state):
+        pairs, patches = self._near_pairs(state), groups(labels)
+        self._choose_ahead(
+            np.r_[patches[a], patches[b]]
+            for a, b in pairs
+            if (_key(patches[a]), _key(patches[b])) not in self.apart
+        )
+        for a, b in pairs:
             a, b = int(alias[a]), int(alias[b])
             if a == b:
                 continue
@@ -231,10 +245,18 @@ class Refiner:
             return None
         key = _key(members)
         if key not in self.chosen:
-            freeform = float(self.freeform[members].mean())
-            points, normals = self.points[members], self.normals[members]
-            self.chosen[key] = choose(points, normals, self.tolerances, freeform, self._corners(members))
+            self.chosen[key] = choose(self._case(members))
         return self.chosen[key]
+
+    def _choose_ahead(self, sets: Iterable[NDArray[np.int64]]) -> None:
+        """Let sets of points choose, all at once on two cores: `_choose` knows what comes out."""
+        new = {_key(members): members for members in sets if len(members) >= FEWEST}
+        new = {key: members for key, members in new.items() if key not in self.chosen}
+        self.chosen.update(zip(new, run_each(choose, [self._case(members) for members in new.values()])))
+
+    def _case(self, members: NDArray[np.int64]) -> Case:
+        points, normals, freeform = self.points[members], self.normals[members], float(self.freeform[members].mean())
+        return Case.of(points, normals, self.tolerances, freeform, self._corners(members))
 
     def _data_cost(self, choice: Choice, members: NDArray[np.int64]) -> Array:
         points, normals = self.points[members], self.normals[members]

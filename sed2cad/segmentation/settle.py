@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from sed2cad.brep.worker import run_each
 from sed2cad.fitting import select
 from sed2cad.segmentation.choose import plausible
 from sed2cad.segmentation.energy import Tolerances
@@ -26,21 +29,36 @@ def settle(level: Level, state: State, tolerances: Tolerances, noise: float) -> 
     cone passes for a sphere, and a piece of a freeform skin for a cylinder. The vertices of a mesh leave no doubt.
     """
     inner = _inner(level.graph, state.labels)
-    kinds = []
+    kinds: list[str | None] = []
+    open_: list[_Question] = []
     for members, choice in zip(groups(state.labels), state.primitives):
-        if level.corners is not None and level.corners[members].settle(choice.primitive):
-            kinds.append(choice.primitive.kind)
-            continue
+        sure = level.corners is not None and level.corners[members].settle(choice.primitive)
         few = members[inner[members]]
         few = few if len(few) >= ENOUGH else members
-        found = None
-        if len(few) >= ENOUGH:
-            points, normals = level.points[few], level.normals[few]
-            likely = [*plausible(points, normals, tolerances), "bspline"]
-            found = select(points, normals, noise, likely)
-        kind = choice.primitive.kind if found is None else found.primitive.kind
-        kinds.append(choice.primitive.kind if kind == "bspline" and len(few) < FREEFORM else kind)
-    return kinds
+        kinds.append(choice.primitive.kind if sure or len(few) < ENOUGH else None)
+        if kinds[-1] is None:
+            open_.append(_Question(level.points[few], level.normals[few], tolerances, noise, choice.primitive.kind))
+    answers = iter(run_each(_kind, open_))
+    return [kind or next(answers) for kind in kinds]
+
+
+@dataclass(frozen=True)
+class _Question:
+    """Which kind points (n, 3) are of, and which it was taken for."""
+
+    points: Array
+    normals: Array
+    tolerances: Tolerances
+    noise: float
+    before: str
+
+
+def _kind(asked: _Question) -> str:
+    """The kind that explains the points best, in units of the noise."""
+    likely = [*plausible(asked.points, asked.normals, asked.tolerances), "bspline"]
+    found = select(asked.points, asked.normals, asked.noise, likely)
+    kind = asked.before if found is None else found.primitive.kind
+    return asked.before if kind == "bspline" and len(asked.points) < FREEFORM else kind
 
 
 def _inner(graph: Graph, labels: NDArray[np.int64]) -> NDArray[np.bool_]:

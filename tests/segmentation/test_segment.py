@@ -14,7 +14,7 @@ from sed2cad.primitives.base import Patch
 from sed2cad.scan.prepare import prepare
 from sed2cad.scan.raw import RawScan
 from sed2cad.scan.scan import Frame, Scan
-from sed2cad.segmentation.choose import choose
+from sed2cad.segmentation.choose import Case, choose
 from sed2cad.segmentation.energy import Tolerances, mean_field
 from sed2cad.segmentation.graph import neighbour_graph
 from sed2cad.segmentation.refine import Refiner, State
@@ -155,8 +155,9 @@ def test_patches_become_freeform_only_where_that_pays_for_its_numbers() -> None:
     saddle = np.column_stack([flat, 8 * (x**3 - 3 * x * y**2)])
     across = np.column_stack([-24 * (x**2 - y**2), 48 * x * y, np.ones(400)])
     across /= np.linalg.norm(across, axis=1)[:, None]
-    freeform = choose(saddle, across, Tolerances(3e-4), freeform=1.0)
-    simple = choose(saddle * [1, 1, 0], np.tile([0.0, 0.0, 1.0], (400, 1)), Tolerances(3e-4), freeform=1.0)
+    freeform = choose(Case.of(saddle, across, Tolerances(3e-4), freeform=1.0))
+    flat, up = saddle * [1, 1, 0], np.tile([0.0, 0.0, 1.0], (400, 1))
+    simple = choose(Case.of(flat, up, Tolerances(3e-4), freeform=1.0))
     assert freeform is not None and freeform.primitive.kind == "bspline"
     assert simple is not None and simple.primitive.kind == "plane"
     assert freeform.price > 3 * simple.price
