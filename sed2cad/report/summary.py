@@ -38,7 +38,7 @@ def summarise(
     if assembly.rung == UNREGULARISED and assembly.failures:
         warnings.append("nothing was made parallel, equal, ... or rounded: with that, no solid passed the checks")
     warnings += _unseen(assembly, completed)
-    if not gate.passed and not assembly.open_at:
+    if not gate.passed:
         warnings.append(f"the solid did not pass all checks: {gate.reason}")
     freeform = sum(face.rung == "bspline" for face in faces)
     if freeform:
@@ -63,10 +63,10 @@ def _unseen(assembly: Assembly, completed: Completed) -> list[str]:
     """What the solid shows and the scan does not."""
     if not completed.added:
         return []
-    said = [f"{completed} where the scan shows nothing"]
+    how = "faces were extended, and the shell is open where it ends" if assembly.open_at else str(completed)
     if completed.caps and assembly.rung == FACETS:
-        said.append("facets close the part there, too")
-    return said
+        how = "facets close it"
+    return [f"the scan does not show all of the part: {how}"]
 
 
 def _boundaries(assembly: Assembly, names: tuple[str, ...], frame: Frame) -> tuple[Boundary, ...]:

@@ -13,7 +13,7 @@ from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.sphere import Sphere
-from sed2cad.topology.proxy import proxy_mesh
+from sed2cad.topology.proxy import divided, proxy_mesh, welded
 from tests.completion.scans import on_a_table, seen
 from tests.topology.scans import box, box_mesh, box_with_hole, ring, scan_of, sphere, stacked_cylinder, wall
 
@@ -59,6 +59,13 @@ def test_a_closed_mesh_has_no_gaps() -> None:
     mesh = box_mesh((0.7, 0.5, 0.4))
     found = complete(type(scan)(scan.points, scan.normals, mesh, scan.frame, 0.0, scan.spacing), fitted)
     assert found.proxy is not None and not found.added
+
+
+def test_a_proxy_coarser_than_the_points_does_not_make_all_of_it_a_gap() -> None:
+    scan, fitted = scan_of(box(), 40_000)
+    scan, fitted = seen(scan, fitted, np.linalg.norm(scan.points - [0.0, 0.0, 0.2], axis=1) > 0.17)
+    (gap,) = find_gaps(scan, divided(welded(box_mesh((0.7, 0.5, 0.4))), 0.03))
+    assert gap.centre == pytest.approx([0.0, 0.0, 0.2], abs=0.03) and 0.15 < gap.radius < 0.2
 
 
 @pytest.mark.parametrize("turn", [np.eye(3), ROUND])
