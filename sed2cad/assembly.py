@@ -67,7 +67,8 @@ def assemble(completed: Completed, settings: Settings, done: Done) -> Assembly:
 def _opened(assembly: Assembly, caps: Sequence[int]) -> Assembly:
     """The solid without the faces of some patches: an open shell. AssemblyError when the kernel fails on it."""
     regions = assembly.topology.regions
-    at = {k for k, face in enumerate(assembly.solid.faces) if regions[face.region].primitive in caps}
+    of_caps = {number for number, region in enumerate(regions) if region.primitive in caps}
+    at = {k for k, face in enumerate(assembly.solid.faces) if face.region in of_caps}
     if not at:
         return assembly
     outcome = run_isolated(opened, Opening(assembly.solid, frozenset(at)), _OPENING_SECONDS)

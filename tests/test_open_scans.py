@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,15 @@ import pytest
 from typer.testing import CliRunner
 
 import sed2cad
+from sed2cad import assembly
+from sed2cad.assembly import Assembly
 from sed2cad.brep.kernel import faces, is_closed, is_valid
 from sed2cad.brep.opening import without_faces
 from sed2cad.brep.step import read_step
 from sed2cad.cli import app
 from sed2cad.model import CadModel
 from sed2cad.scan.raw import RawScan
-from tests.brep.made import shape
+from tests.brep.made import part, result, shape
 from tests.parts import box_points, bracket, sample_scan, write_ply
 
 
@@ -67,6 +70,19 @@ def test_the_command_caps_or_says_what_is_open(tmp_path: Path) -> None:
     told = CliRunner().invoke(app, [*words, "--cap"])
     assert told.exit_code == 0 and "closed solid, 6 faces" in told.stdout
     assert "1 flat cap was added" in told.stderr
+
+
+def test_a_face_of_unknown_origin_stays() -> None:
+    """A repair may lose track of a face; the last region, a cap, is not its own."""
+    made, given = result("box"), part("box")
+    lost = tuple(replace(face, region=-1, primitive=-1) if k == 0 else face for k, face in enumerate(made.faces))
+    cap = len(given.topology.regions) - 1
+    (number,) = [k for k, face in enumerate(made.faces) if face.region == cap]
+    assert number != 0
+    closed = Assembly(given.fitted, given.topology, replace(made, faces=lost), tuple("abcdef"), "exact", ())
+    opened = assembly._opened(closed, [given.topology.regions[cap].primitive])
+    assert len(opened.solid.faces) == 5 and opened.solid.faces[0].region == -1
+    assert opened.face_names == tuple(name for k, name in enumerate("abcdef") if k != number)
 
 
 def test_a_solid_loses_the_faces_that_are_named() -> None:
