@@ -25,7 +25,7 @@ from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.names import primitive_names
 from sed2cad.regularize import Constraint, regularize
 from sed2cad.rungs import LADDER, RAW_LADDER, Rung, Tracer
-from sed2cad.scan.scan import Frame, Mesh, Scan
+from sed2cad.scan.scan import Array, Frame, Mesh, Scan
 from sed2cad.settings import Settings
 from sed2cad.topology.faceted import decimate
 from sed2cad.topology.model import Topology
@@ -87,7 +87,7 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
     scan, fitted = completed.scan, completed.fitted
     failures: list[str] = []
     trials: list[Trial] = []
-    tracer = Tracer(scan, fitted, completed.measured, {False: completed.proxy} if completed.proxy else {})
+    tracer = Tracer(scan, fitted, {False: completed.proxy} if completed.proxy else {})
     start = time.perf_counter()
     for rung in LADDER if settings.regularize else RAW_LADDER:
         if tracer.proxies and time.perf_counter() - start > settings.exact_seconds:
@@ -96,7 +96,7 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
         try:
             if not rung.walls and not tracer.has_steps(rung):
                 continue
-            trial = _attempt(rung, tracer, settings, start, done)
+            trial = _attempt(rung, tracer, completed.measured, settings, start, done)
         except AssemblyError as error:
             failures.append(f"{rung.name}: {error}")
             done("assemble", failures[-1])
@@ -142,8 +142,10 @@ class Trial:
         return 0 if isinstance(self.outcome, Failure) else self.outcome.gate.undrawn
 
 
-def _attempt(rung: Rung, tracer: Tracer, settings: Settings, start: float, done: Done) -> Trial:
-    """One rung of an assembly that began at `start`."""
+def _attempt(
+    rung: Rung, tracer: Tracer, judges: Array, settings: Settings, start: float, done: Done
+) -> Trial:
+    """One rung of an assembly that began at `start`; its solid is judged by points (n, 3)."""
     scan, traced = tracer.scan, tracer.trace(rung)
     topology, patches = tracer.walled(rung)
     constraints: list[Constraint] = []
@@ -154,7 +156,7 @@ def _attempt(rung: Rung, tracer: Tracer, settings: Settings, start: float, done:
     done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
     surface = np.vstack([scan.points, traced.proxy.vertices])
     options = Options(limits=_limits(scan, settings))
-    attempt = Attempt(topology, tuple(patches), scan.frame, tracer.measured, options, surface)
+    attempt = Attempt(topology, tuple(patches), scan.frame, judges, options, surface)
     outcome = run_isolated(exact_solid, attempt, min(settings.attempt_seconds, _left(settings, start)))
     return Trial(rung.name, attempt, traced, outcome, tuple(constraints))
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from sed2cad.primitives.base import FittedPatch
-from sed2cad.scan.scan import Array, Mesh, Scan
+from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import smooth_proxy
 from sed2cad.topology.trace import Traced, trace
@@ -51,7 +51,6 @@ class Tracer:
 
     scan: Scan
     fitted: Sequence[FittedPatch]
-    measured: Array  # (n, 3) points that solids are judged by
     proxies: dict[bool, Mesh] = field(default_factory=dict)  # by Rung.smooth
     traces: dict[tuple[bool, float], Traced] = field(default_factory=dict)  # by Rung.key
     with_walls: dict[tuple[bool, float], tuple[Topology, list[FittedPatch]]] = field(default_factory=dict)

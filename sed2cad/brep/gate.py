@@ -135,9 +135,9 @@ def through_step(shape: TopoDS_Shape) -> TopoDS_Shape | None:
             back = read_step(path)
         except AssemblyError:
             return None
+    closed = is_closed(shape)
     same = len(solids(back)) == len(solids(shape)) and len(faces(back)) == len(faces(shape))
-    if not (same and is_closed(back) == is_closed(shape) and is_valid(back)):
+    if not (same and is_closed(back) == closed and is_valid(back)):
         return None
-    if not is_closed(shape):
-        return back
-    return back if math.isclose(volume(back), volume(shape), rel_tol=_ROUND_TRIP) else None
+    alike = not closed or math.isclose(volume(back), volume(shape), rel_tol=_ROUND_TRIP)
+    return back if alike else None

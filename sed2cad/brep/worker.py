@@ -65,7 +65,7 @@ def run_isolated(job: Callable[[P], R], payload: P, timeout: float) -> R | Failu
 def run_each(job: Callable[[P], R], payloads: Sequence[P]) -> list[R]:
     """job(payload) of each, every other one in a worker meanwhile: work of any kind, on two cores."""
     if len(payloads) < _FEW:
-        return [job(payload) for payload in payloads]
+        return _one_by_one((job, payloads))
     mine, theirs = payloads[::2], payloads[1::2]
     with ThreadPoolExecutor(1) as beside:
         away = beside.submit(run_isolated, _one_by_one, (job, theirs), _PATIENCE)

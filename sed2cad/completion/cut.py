@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sed2cad.completion.gaps import Gap
-from sed2cad.scan.scan import Array, Scan
-from sed2cad.topology.carve import Tetrahedra, sample_votes, triangulated
+from sed2cad.scan.scan import Mesh, Scan
+from sed2cad.topology.carve import sample_votes, triangulated
 from sed2cad.topology.mincut import min_cut
 from sed2cad.topology.samples import Samples, thinned
 
@@ -61,7 +61,8 @@ def _on_cut(faces: Samples, ghosts: Samples, spacing: float, measured: int) -> N
     first, across = np.nonzero(tetrahedra.neighbours > np.arange(len(tetrahedra.corners))[:, None])
     second = tetrahedra.neighbours[first, across]
     facets = tetrahedra.facets(first, across)
-    area, shared = _areas(tetrahedra, facets), _shared(facets, samples.labels, len(tetrahedra.points))
+    _, area = Mesh(tetrahedra.points, facets).face_normals()
+    shared = _shared(facets, samples.labels, len(tetrahedra.points))
     price = np.where(shared < 0, _NOWHERE, np.where(shared < measured, _EXTENDED, _CAPPED)) * area / spacing**2
     vote = sample_votes(tetrahedra, samples)
     inside = ~min_cut(np.maximum(vote, 0), np.maximum(-vote, 0), np.column_stack([first, second]), price, price)
@@ -69,12 +70,6 @@ def _on_cut(faces: Samples, ghosts: Samples, spacing: float, measured: int) -> N
     along = area[cut] * (shared[cut] >= 0)
     whole, own = (np.bincount(facets[cut].ravel(), np.repeat(a, 3), len(tetrahedra.points)) for a in (area[cut], along))
     return ((own > _ALONG * whole) & (whole > 0))[len(faces) : len(samples)]
-
-
-def _areas(tetrahedra: Tetrahedra, facets: NDArray[np.int64]) -> Array:
-    """Areas (m,) of facets (m, 3)."""
-    a, b, c = np.moveaxis(tetrahedra.points[facets], 1, 0)
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
 
 
 def _shared(facets: NDArray[np.int64], labels: NDArray[np.int64], count: int) -> NDArray[np.int64]:

@@ -18,9 +18,8 @@ _AROUND = 8  # points whose distance says how far apart points lie somewhere
 _COARSE = 1.6  # edges of the proxy, where it is coarser than the points: as far apart as points would lie
 _FAR = 1.5  # times that distance: a triangle's centre so far from all points lies in a gap,
 _LONG = 2.0  # and with it the triangles beside it that have an edge so long
-
-_ACROSS = 100  # samples from the middle of a gap to its rim, no more
 _LEAST = 3.0  # times it: the radius of a gap; what is smaller, chance may leave, and the proxy closes
+_ACROSS = 100  # samples from the middle of a gap to its rim, no more
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class Gap:
 def find_gaps(scan: Scan, mesh: Mesh) -> list[Gap]:
     """The gaps of a scan in a proxy whose vertices lie near its points."""
     distance, _ = nearest(scan.points, _AROUND)
-    edges = np.linalg.norm(mesh.vertices[np.roll(mesh.faces, -1, axis=1)] - mesh.vertices[mesh.faces], axis=2)
+    edges = mesh.edge_lengths()
     apart = np.maximum(distance[:, -1], _COARSE * float(np.median(edges)))
     tree = cKDTree(scan.points)
     off, at = tree.query(mesh.centroids())

@@ -63,8 +63,10 @@ def _unseen(assembly: Assembly, completed: Completed) -> list[str]:
     """What the solid shows and the scan does not."""
     if not completed.added:
         return []
-    how = "faces were extended, and the shell is open where it ends" if assembly.open_at else str(completed)
-    if completed.caps and assembly.rung == FACETS:
+    how = str(completed)
+    if assembly.open_at:
+        how = "faces were extended, and the shell is open where it ends"
+    elif completed.caps and assembly.rung == FACETS:
         how = "facets close it"
     return [f"the scan does not show all of the part: {how}"]
 

@@ -40,6 +40,11 @@ class Mesh:
         double = np.linalg.norm(cross, axis=1)
         return cross / np.maximum(double, 1e-300)[:, None], double / 2
 
+    def edge_lengths(self) -> Array:
+        """Lengths (f, 3) of the edges from corner k to corner k + 1."""
+        along = self.vertices[np.roll(self.faces, -1, axis=1)] - self.vertices[self.faces]
+        return np.asarray(np.linalg.norm(along, axis=2))
+
     def centroids(self) -> Array:
         """Centres of the triangles (f, 3)."""
         return self.vertices[self.faces].mean(axis=1)

@@ -162,8 +162,7 @@ def divided(mesh: Mesh, longest: float) -> Mesh:
     """The mesh with edges above `longest` halved until none is left or the triangles are many."""
     while len(mesh.faces) < _MOST_TRIANGLES / 2:
         twin = twins(mesh.faces)
-        edges = mesh.vertices[np.roll(mesh.faces, -1, axis=1)] - mesh.vertices[mesh.faces]
-        long = np.linalg.norm(edges, axis=2).ravel() > longest
+        long = mesh.edge_lengths().ravel() > longest
         if not long.any():
             break
         mesh = split_edges(mesh, twin, long | long[twin])
