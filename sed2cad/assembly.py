@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sed2cad.brep.attempt import AssemblyResult, Attempt, FacetedAttempt, Options, nowhere
-from sed2cad.brep.attempt import assemble as exact_solid
-from sed2cad.brep.attempt import assemble_faceted as faceted_solid
-from sed2cad.brep.gate import Limits
-from sed2cad.brep.opening import Opening, opened
+from sed2cad.brep.attempt import AssemblyResult, Attempt, FacetedAttempt, Limits, Opening, Options, nowhere
+from sed2cad.brep.jobs import assemble as exact_solid
+from sed2cad.brep.jobs import assemble_faceted as faceted_solid
+from sed2cad.brep.jobs import opened
 from sed2cad.brep.worker import Failure, run_isolated
 from sed2cad.completion.complete import Completed
 from sed2cad.errors import AssemblyError

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from sed2cad import __version__
+from sed2cad.brep.worker import warm_up
 from sed2cad.console import Progress, counter, print_summary
 from sed2cad.errors import AssemblyError, Sed2cadError, UsageError
 from sed2cad.evaluation import commands
@@ -136,6 +137,7 @@ def reconstruct_command(
     step = step or scan.with_suffix(".step")
     document = report or (step.with_suffix(".json") if script else None)
     require_outputs({"--step": step, "--report": document, "--script": script}, scan)
+    warm_up()  # the CAD kernel loads in a process of its own while torch does here
     from sed2cad.pipeline import reconstruct
 
     progress = Progress(quiet)

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sed2cad.brep.attempt import AssemblyResult, Attempt, Verdict, judge
+from sed2cad.brep.attempt import AssemblyResult, Attempt, Verdict
+from sed2cad.brep.jobs import judge
 from sed2cad.brep.worker import Failure
 from sed2cad.geometry.polygons import Cloud
 from sed2cad.primitives.base import FittedPatch, Patch

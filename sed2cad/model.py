@@ -14,7 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sed2cad.brep.attempt import Export
+from sed2cad.brep.jobs import step_file
+from sed2cad.brep.worker import Failure, run_isolated
 from sed2cad.errors import AssemblyError, UsageError
+from sed2cad.files import write_bytes
 from sed2cad.primitives.base import FittedPatch, Primitive
 from sed2cad.primitives.names import primitive_names
 from sed2cad.primitives.registry import read_primitive
@@ -26,6 +30,8 @@ if TYPE_CHECKING:
     from build123d import Compound, Shell, Solid
 
 Array = NDArray[np.float64]
+
+_EXPORT_SECONDS = 60.0
 
 
 @dataclass(frozen=True)
@@ -99,10 +105,12 @@ class CadModel:
         return changed.scaled(1 / scale, -origin / scale)
 
     def export_step(self, path: str | Path) -> None:
-        """Write the STEP file: beside first, then renamed, so that no half file is ever seen."""
-        from sed2cad.brep.convert import export_step
-
-        export_step(self.brep, self.face_names, Path(path), self.name, self.unit)
+        """Write the STEP file, whole or not at all. AssemblyError where the kernel fails on it."""
+        export = Export(self.brep, self.face_names, self.name, self.unit)
+        written = run_isolated(step_file, export, _EXPORT_SECONDS)
+        if isinstance(written, Failure):
+            raise AssemblyError(f"{self.name}: the solid could not be written as STEP ({written.sentence})")
+        write_bytes(Path(path), written)
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON: report and editable document in one."""

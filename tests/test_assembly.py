@@ -10,7 +10,7 @@ import pytest
 
 import sed2cad
 from sed2cad import assembly, rungs
-from sed2cad.brep.attempt import assemble, assemble_faceted
+from sed2cad.brep.jobs import assemble, assemble_faceted
 from sed2cad.brep.worker import Failure
 from sed2cad.errors import AssemblyError
 from sed2cad.scan.raw import RawScan

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +125,22 @@ def test_faces_are_named(model: CadModel, tmp_path: Path) -> None:
     text = (tmp_path / "part.step").read_text()
     for name in model.names:
         assert f"'{name}'" in text
+
+
+def test_no_half_file_and_no_litter(model: CadModel, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="cannot be written"):
+        model.export_step(tmp_path / "missing" / "part.step")
+    with pytest.raises(AssemblyError, match="could not be written as STEP"):
+        replace(model, brep=b"no solid").export_step(tmp_path / "part.step")
+    assert not any(tmp_path.iterdir())
+    model.export_step(tmp_path / "part.step")
+    assert [path.name for path in tmp_path.iterdir()] == ["part.step"]
+
+
+def test_the_kernel_is_loaded_in_its_own_process_only() -> None:
+    code = "import sys, sed2cad.pipeline; print(*{name.partition('.')[0] for name in sys.modules})"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "sed2cad" in loaded and not {"OCP", "build123d", "cadquery"} & set(loaded)
 
 
 def test_the_tolerance_makes_a_lumpy_box_a_box() -> None:

@@ -1,39 +1,34 @@
-"""One attempt at a solid: exact surfaces on a traced topology, or facets. Run it in a worker (worker.py)."""
+"""An attempt at a solid and what comes of it: what asker and worker tell each other. The kernel is not loaded."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from sed2cad.brep.blame import at_worst_edge, to_blame
-from sed2cad.brep.bodies import BodyShape, Joined, cavities, join
-from sed2cad.brep.faceted import faceted_bodies
-from sed2cad.brep.fix import VARIANTS, Variant, fix
-from sed2cad.brep.gate import Checked, Expected, GateResult, Limits, check
-from sed2cad.brep.kernel import Array, to_bytes
-from sed2cad.brep.solid import build_bodies
-from sed2cad.errors import AssemblyError
-from sed2cad.geometry.extend import widened
-from sed2cad.geometry.facets import faceted
-from sed2cad.geometry.layout import Draft
 from sed2cad.geometry.loose import loose_patch
 from sed2cad.geometry.polygons import Cloud
-from sed2cad.geometry.realise import realise
-from sed2cad.geometry.seams import OpenFace, place
-from sed2cad.primitives.base import FittedPatch, Primitive
-from sed2cad.primitives.registry import SWEPT_KINDS
-from sed2cad.scan.scan import Frame, Mesh
+from sed2cad.primitives.base import FittedPatch
+from sed2cad.scan.scan import Array, Frame, Mesh
 from sed2cad.topology.model import Topology
 
-_MOST_POINTS = 5000  # that a solid is judged by
-_SMALL = 0.01  # share of the surface
-
+Variant = Literal["full", "min", "min+", "loose"]
+VARIANTS: tuple[Variant, ...] = ("full", "min", "min+", "loose")
 # swept: extrusion or revolution; freeform: in place of an exact face that failed
 Rung = Literal["exact", "swept", "bspline", "freeform", "facets"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What passes."""
+
+    volume: float = 0.05  # relative difference from the proxy's volume
+    distance: float = 0.01  # of the diagonal: a point this near to the solid is explained
+    coverage: float = 0.98  # share of the points that must be explained
+    stray: float = 0.03  # of the diagonal: nothing of the solid may be farther from the scan and its proxy
+    tolerance: float = 0.01  # of the diagonal: largest tolerance of an edge or vertex
 
 
 @dataclass(frozen=True)
@@ -92,6 +87,27 @@ class FacetedAttempt:
 
 
 @dataclass(frozen=True)
+class GateResult:
+    """What was found. Lengths in world units; NaN where it was not measured."""
+
+    passed: bool
+    reason: str  # why it did not pass, one clause for a machinist; empty when it did
+    solids: int
+    closed: bool
+    valid: bool
+    volume: float
+    volume_ratio: float  # to the proxy's
+    coverage: float  # share of the points within the distance limit
+    rms: float  # of the points' distances
+    p95: float
+    max: float
+    stray: float  # largest distance of the solid from the scan and its proxy
+    max_tolerance: float
+    step_valid: bool  # still valid after writing and reading the STEP file
+    undrawn: int = 0  # faces that cannot be drawn; looked for when all else is well
+
+
+@dataclass(frozen=True)
 class FaceReport:
     """One face of the solid."""
 
@@ -118,133 +134,6 @@ class AssemblyResult:
         return all(face.rung == "exact" for face in self.faces)
 
 
-def assemble(attempt: Attempt) -> AssemblyResult:
-    """Corners, edges, faces, shells, solids; repaired until the kernel is content; judged by the gate.
-
-    Where faces cannot be drawn because their edges cross beside the corners, all edges are bent to end there. A small
-    freeform face that goes around its axis and is open on one side becomes facets. AssemblyError where another face is
-    open or nothing can be built.
-    """
-    try:
-        return _assembled_straight_or_bent(attempt.loosened())
-    except OpenFace as error:
-        if not _is_small_freeform(attempt, error.region):
-            raise
-        return assemble(replace(attempt, facets={**attempt.facets, error.region: attempt.cloud(error.region)}))
-
-
-def _is_small_freeform(attempt: Attempt, number: int) -> bool:
-    """Whether a region is one that facets stand for as well as any surface."""
-    regions = attempt.topology.regions
-    small = regions[number].area < _SMALL * sum(region.area for region in regions)
-    return small and attempt.fitted[regions[number].primitive].primitive.freeform
-
-
-def _assembled_straight_or_bent(attempt: Attempt) -> AssemblyResult:
-    """With edges as they are, or bent where that is what it takes to draw all faces."""
-    result, checked = _assembled(attempt, bend=False)
-    if checked.undrawn:
-        bent, _ = _assembled(attempt, bend=True)
-        if bent.gate.passed:
-            return bent
-    return result
-
-
-def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
-    """The first repair that passes the gate, or the one with the fewest faults."""
-    topology, frame = attempt.topology, attempt.frame
-    fitted = [widened(patch) for patch in attempt.fitted]
-    draft = Draft(realise(topology, fitted, bend), fitted)
-    layout = place(draft)
-    hollow = cavities(layout, [region.area for region in topology.regions], attempt.facets)
-    bodies = build_bodies(faceted(layout, attempt.facets).in_world(frame))
-    best: tuple[int, AssemblyResult, Joined, Checked] | None = None
-    for variant in attempt.options.variants:
-        repaired = [fix(body, frame.scale, variant) for body in bodies]
-        faults = sum(fixed.faults for fixed in repaired)
-        if best is not None and faults >= best[0] > 0:
-            continue
-        shapes = [BodyShape(f.solid, f.regions, hollow[k]) for f, k in zip(repaired, sorted(hollow))]
-        joined = join(shapes)
-        result, checked = _judged(attempt, joined, variant)
-        if result.gate.passed:
-            return result, checked
-        if best is None or faults < best[0]:
-            best = faults, result, joined, checked
-    if best is None:
-        raise AssemblyError("no repair of the solid was asked for")
-    limits = attempt.options.limits
-    blamed = to_blame(best[2], best[3], topology, frame, limits)
-    blamed = tuple(r for r in blamed if r not in attempt.facets)
-    blamed = blamed or at_worst_edge(layout, topology, limits.tolerance)
-    return replace(best[1], blamed=blamed), best[3]
-
-
-def _judged(attempt: Attempt, joined: Joined, variant: Variant) -> tuple[AssemblyResult, Checked]:
-    """The gate's verdict on one repair."""
-    topology, frame = attempt.topology, attempt.frame
-    primitive_of = [-1 if r in attempt.facets else region.primitive for r, region in enumerate(topology.regions)]
-    numbers = [primitive_of[r] if r >= 0 else -1 for r in joined.regions]
-    world: list[Primitive | None] = [
-        attempt.fitted[k].primitive.scaled(frame.scale, frame.origin) if k >= 0 else None for k in numbers
-    ]
-    volume = topology.volume * frame.scale**3
-    expected = Expected(
-        joined.solids, volume, _judges(attempt.points, frame), frame.to_world(attempt.surface), frame.scale
-    )
-    limits = attempt.options.limits
-    checked = check(joined.shape, world, expected, limits)
-    reports = _reports(joined, numbers, world, checked)
-    reports = tuple(replace(f, rung="freeform") if f.primitive in attempt.freeform else f for f in reports)
-    return AssemblyResult(to_bytes(joined.shape), reports, checked.result, variant), checked
-
-
-def assemble_faceted(attempt: FacetedAttempt) -> AssemblyResult:
-    """The closed mesh as a solid of planar faces: the last rung of the ladder."""
-    frame = attempt.frame
-    mesh = Mesh(frame.to_world(attempt.mesh.vertices), attempt.mesh.faces)
-    joined = join(faceted_bodies(mesh, frame.scale, attempt.options.merge_facets))
-    nothing: list[Primitive | None] = [None] * len(joined.regions)
-    expected = Expected(joined.solids, mesh.volume(), _judges(attempt.points, frame), nowhere(), frame.scale)
-    checked = check(joined.shape, nothing, expected, attempt.options.limits)
-    reports = _reports(joined, [-1] * len(nothing), nothing, checked)
-    return AssemblyResult(to_bytes(joined.shape), reports, checked.result, "facets")
-
-
-def _judges(points: Array, frame: Frame) -> Array:
-    """Points spread over the scan in its order, world coordinates."""
-    step = max(1, -(-len(points) // _MOST_POINTS))
-    return frame.to_world(points[::step])
-
-
-def _reports(
-    joined: Joined, numbers: Sequence[int], primitives: Sequence[Primitive | None], checked: Checked
-) -> tuple[FaceReport, ...]:
-    """One report per face."""
-    count = len(joined.regions)
-    spread = np.full(count, math.nan)
-    if checked.deviations is not None:
-        spread = checked.deviations.rms_by_face(count)
-    return tuple(
-        FaceReport(
-            region,
-            number,
-            primitive.kind if primitive is not None else "facet",
-            _rung(primitive),
-            float(rms),
-        )
-        for region, number, primitive, rms in zip(joined.regions, numbers, primitives, spread)
-    )
-
-
-def _rung(primitive: Primitive | None) -> Rung:
-    if primitive is None:
-        return "facets"
-    if primitive.kind in SWEPT_KINDS:
-        return "swept"
-    return "bspline" if primitive.freeform else "exact"
-
-
 @dataclass(frozen=True)
 class Verdict:
     """What came of an attempt, and who is to blame if it was not good enough."""
@@ -254,10 +143,19 @@ class Verdict:
     blamed: tuple[int, ...]  # regions; none: nobody knows
 
 
-def judge(attempt: Attempt) -> Verdict:
-    """`assemble`, with the faces to blame where it fails."""
-    try:
-        result = assemble(attempt)
-    except OpenFace as error:
-        return Verdict(None, str(error), (error.region,))
-    return Verdict(result, result.gate.reason, result.blamed)
+@dataclass(frozen=True)
+class Opening:
+    """A solid and the numbers of the faces that it is to lose."""
+
+    solid: AssemblyResult
+    faces: frozenset[int]
+
+
+@dataclass(frozen=True)
+class Export:
+    """A solid and what its STEP file says about it."""
+
+    brep: bytes
+    face_names: tuple[str, ...]
+    product: str
+    unit: str  # of the coordinates

@@ -7,8 +7,9 @@ from OCP.BRep import BRep_Tool
 from OCP.BRepCheck import BRepCheck_Analyzer
 from scipy.spatial import cKDTree
 
+from sed2cad.brep.attempt import Limits
 from sed2cad.brep.bodies import Joined
-from sed2cad.brep.gate import Checked, Limits
+from sed2cad.brep.gate import Checked
 from sed2cad.brep.kernel import edges, faces, vertices
 from sed2cad.brep.measure import Deviations, Triangles, nearest_triangles, spread_over
 from sed2cad.geometry.facets import is_loose

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from OCP.TopAbs import TopAbs_SHELL
 from OCP.TopoDS import TopoDS
 
+from sed2cad.brep.attempt import Export
 from sed2cad.brep.kernel import from_bytes, solids
 from sed2cad.brep.step import write_step
 
@@ -27,6 +28,9 @@ def solid_from_brep(brep: bytes) -> Solid | Compound | Shell:
     return Solid(found[0]) if len(found) == 1 else Compound(shape)
 
 
-def export_step(brep: bytes, face_names: Sequence[str], path: Path, name: str, unit: str) -> None:
-    """Write the STEP file of a solid in `unit`: the product is called `name`, its faces `face_names`."""
-    write_step(from_bytes(brep), path, face_names, product=name, unit=unit)
+def step_file(export: Export) -> bytes:
+    """The STEP file of a solid."""
+    with tempfile.TemporaryDirectory(prefix="sed2cad-") as folder:
+        path = Path(folder) / "part.step"
+        write_step(from_bytes(export.brep), path, export.face_names, export.product, export.unit)
+        return path.read_bytes()

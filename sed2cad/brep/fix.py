@@ -7,7 +7,6 @@ is content. The history tells which face of the result came from which region.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 from OCP.BRepCheck import BRepCheck_Analyzer
@@ -15,11 +14,9 @@ from OCP.BRepLib import BRepLib
 from OCP.ShapeFix import ShapeFix_Shape
 from OCP.TopoDS import TopoDS, TopoDS_Shape, TopoDS_Solid
 
+from sed2cad.brep.attempt import Variant
 from sed2cad.brep.kernel import face_numbers, faces, is_closed, solids, volume
 from sed2cad.brep.solid import PRECISION, Body
-
-Variant = Literal["full", "min", "min+", "loose"]
-VARIANTS: tuple[Variant, ...] = ("full", "min", "min+", "loose")
 
 _HOPELESS = 1000  # faults of a body that the repair gave up on
 _LARGEST = 0.02  # of the diagonal: no repair may raise a tolerance above this

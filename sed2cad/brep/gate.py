@@ -10,6 +10,7 @@ from pathlib import Path
 
 from OCP.TopoDS import TopoDS_Shape
 
+from sed2cad.brep.attempt import GateResult, Limits
 from sed2cad.brep.drawn import undrawn
 from sed2cad.brep.kernel import Array, faces, is_closed, is_valid, largest_tolerance, solids, volume
 from sed2cad.brep.measure import Deviations, deviations
@@ -19,17 +20,6 @@ from sed2cad.primitives.base import Primitive
 
 _DEFLECTION = 2e-3  # of the diagonal: tessellation for distances
 _ROUND_TRIP = 1e-3  # relative change of the volume by writing and reading
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What passes."""
-
-    volume: float = 0.05  # relative difference from the proxy's volume
-    distance: float = 0.01  # of the diagonal: a point this near to the solid is explained
-    coverage: float = 0.98  # share of the points that must be explained
-    stray: float = 0.03  # of the diagonal: nothing of the solid may be farther from the scan and its proxy
-    tolerance: float = 0.01  # of the diagonal: largest tolerance of an edge or vertex
 
 
 @dataclass(frozen=True)
@@ -44,27 +34,6 @@ class Expected:
 
 
 @dataclass(frozen=True)
-class GateResult:
-    """What was found. Lengths in world units; NaN where it was not measured."""
-
-    passed: bool
-    reason: str  # why it did not pass, one clause for a machinist; empty when it did
-    solids: int
-    closed: bool
-    valid: bool
-    volume: float
-    volume_ratio: float  # to the proxy's
-    coverage: float  # share of the points within the distance limit
-    rms: float  # of the points' distances
-    p95: float
-    max: float
-    stray: float  # largest distance of the solid from the scan and its proxy
-    max_tolerance: float
-    step_valid: bool  # still valid after writing and reading the STEP file
-    undrawn: int = 0  # faces that cannot be drawn; looked for when all else is well
-
-
-@dataclass(frozen=True)
 class Checked:
     """The gate's verdict and what is behind it."""
 
@@ -74,7 +43,7 @@ class Checked:
 
 
 def check(
-    shape: TopoDS_Shape, primitives: Sequence[Primitive | None], expected: Expected, limits: Limits = Limits()
+    shape: TopoDS_Shape, primitives: Sequence[Primitive | None], expected: Expected, limits: Limits
 ) -> Checked:
     """Look at `shape`, whose faces lie on `primitives` (None: unknown), world coordinates.
 

@@ -4,23 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from OCP.TopoDS import TopoDS_Shape
 
-from sed2cad.brep.attempt import AssemblyResult
+from sed2cad.brep.attempt import AssemblyResult, Opening
 from sed2cad.brep.gate import through_step
 from sed2cad.brep.kernel import compound, face_numbers, faces, from_bytes, is_valid, solids, to_bytes
 from sed2cad.brep.solid import shell_of
 from sed2cad.errors import AssemblyError
-
-
-@dataclass(frozen=True)
-class Opening:
-    """A solid and the numbers of the faces that it is to lose."""
-
-    solid: AssemblyResult
-    faces: frozenset[int]
 
 
 def opened(job: Opening) -> AssemblyResult:

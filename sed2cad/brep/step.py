@@ -1,4 +1,4 @@
-"""STEP files: written whole or not at all, the same bytes for the same shape, faces with names."""
+"""STEP files: the same bytes for the same shape, faces with names."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from OCP.TopoDS import TopoDS_Shape
 
 from sed2cad.brep.kernel import faces
 from sed2cad.errors import AssemblyError
-from sed2cad.files import replacing
 
 _UNITS = {"mm": "MM", "cm": "CM", "m": "M", "in": "INCH"}
 _SCHEMA = 4  # AP214 IS: what every CAD system reads
@@ -31,22 +30,21 @@ def write_step(
 ) -> None:
     """Write `shape`, whose coordinates are in `unit`; `names` are those of its faces, in order.
 
-    AssemblyError where the kernel cannot write it, UsageError where the path cannot be written.
+    AssemblyError where the kernel cannot write it.
     """
     _prepare()
-    with replacing(path) as temporary:
-        _settings(unit)
-        writer = STEPControl_Writer()
-        if writer.Transfer(shape, STEPControl_AsIs) != IFSelect_RetDone:
-            raise AssemblyError("the CAD kernel could not translate the solid to STEP")
-        finder = writer.WS().TransferWriter().FinderProcess()
-        for face, name in zip(faces(shape), names):
-            item = STEPConstruct.FindEntity_s(finder, face)
-            if item is not None:
-                item.SetName(_text(name))
-        _label(writer.Model(), product)
-        if writer.Write(str(temporary)) != IFSelect_RetDone:
-            raise AssemblyError(f"the CAD kernel could not write {path}")
+    _settings(unit)
+    writer = STEPControl_Writer()
+    if writer.Transfer(shape, STEPControl_AsIs) != IFSelect_RetDone:
+        raise AssemblyError("the CAD kernel could not translate the solid to STEP")
+    finder = writer.WS().TransferWriter().FinderProcess()
+    for face, name in zip(faces(shape), names):
+        item = STEPConstruct.FindEntity_s(finder, face)
+        if item is not None:
+            item.SetName(_text(name))
+    _label(writer.Model(), product)
+    if writer.Write(str(path)) != IFSelect_RetDone:
+        raise AssemblyError(f"the CAD kernel could not write {path}")
 
 
 def read_step(path: Path, unit: str = "mm") -> TopoDS_Shape:

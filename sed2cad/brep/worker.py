@@ -31,7 +31,7 @@ _START = 120.0  # seconds a worker may take to import the kernel on a busy machi
 _GRACE = 10.0  # seconds after which a worker that was not stopped stops itself (its parent has died)
 _FEW = 6  # payloads that are not worth sending
 _PATIENCE = 60.0  # seconds until they are done here after all
-_PRELOAD = "sed2cad.brep.attempt"
+_PRELOAD = "sed2cad.brep.build"
 _LENGTH = struct.Struct("<Q")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import poisson
+from scipy.special import pdtrc
 
 from sed2cad.primitives.base import Array
 from sed2cad.primitives.images import MIRRORED
@@ -203,5 +203,5 @@ def _elected(votes: Sequence[Vote]) -> tuple[list[Vote], float]:
             chosen.append(votes[k])
             taken |= {votes[k].a, votes[k].b}
     expected = len(votes) * 2 * float(slack[strain < 1].mean()) / _extent(votes) if chosen else 0.0
-    chance = len(votes) * float(poisson.sf(len(chosen) - 2, expected))  # so many others at one vote
+    chance = len(votes) * float(pdtrc(len(chosen) - 2, expected))  # so many others at one vote
     return (chosen, middle) if len(chosen) >= _LEAST and chance < _CHANCE else ([], 0.0)

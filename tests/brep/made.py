@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from functools import cache
 
-from sed2cad.brep.attempt import AssemblyResult, Attempt, assemble
+from sed2cad.brep.attempt import AssemblyResult, Attempt
+from sed2cad.brep.build import assemble
 from sed2cad.brep.kernel import from_bytes
 from tests.geometry import parts
 

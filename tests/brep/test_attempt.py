@@ -8,8 +8,8 @@ from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.Standard import Standard_ConstructionError, Standard_Failure
 from OCP.TopoDS import TopoDS_Shape
 
-from sed2cad.brep.attempt import Attempt, Options, assemble
-from sed2cad.brep.gate import Limits
+from sed2cad.brep.attempt import Attempt, Limits, Options
+from sed2cad.brep.build import assemble
 from sed2cad.brep.kernel import area, faces, from_bytes, is_closed, is_valid, largest_tolerance, solids, volume
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.cylinder import Cylinder

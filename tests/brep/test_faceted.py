@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from sed2cad.brep.attempt import FacetedAttempt, Options, assemble_faceted
+from sed2cad.brep.attempt import FacetedAttempt, Options
+from sed2cad.brep.build import assemble_faceted
 from sed2cad.brep.kernel import edges, faces, from_bytes, is_closed, is_valid, solids
 from sed2cad.errors import AssemblyError
 from sed2cad.scan.scan import Frame, Mesh

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sed2cad.brep.attempt import Attempt, Verdict, judge
+from sed2cad.brep.attempt import Attempt, Verdict
+from sed2cad.brep.build import judge
 from sed2cad.brep.kernel import from_bytes, is_closed, is_valid, volume
 from sed2cad.geometry.polygons import Cloud
 from sed2cad.primitives.plane import Plane

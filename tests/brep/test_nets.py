@@ -10,7 +10,8 @@ from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
 from OCP.GeomAbs import GeomAbs_BSplineSurface, GeomAbs_Plane
 
-from sed2cad.brep.attempt import Attempt, assemble
+from sed2cad.brep.attempt import Attempt
+from sed2cad.brep.build import assemble
 from sed2cad.brep.freeform import cut_open
 from sed2cad.brep.kernel import Array, faces, from_bytes, is_closed, is_valid, volume
 from sed2cad.brep.step import read_step, write_step

@@ -12,7 +12,8 @@ from OCP.Geom import Geom_Surface
 from OCP.GeomAbs import GeomAbs_Plane, GeomAbs_SurfaceOfExtrusion, GeomAbs_SurfaceOfRevolution
 from OCP.gp import gp_Pnt, gp_Vec
 
-from sed2cad.brep.attempt import AssemblyResult, Attempt, assemble, nowhere
+from sed2cad.brep.attempt import AssemblyResult, Attempt, nowhere
+from sed2cad.brep.build import assemble
 from sed2cad.brep.kernel import faces, from_bytes, is_closed, is_valid, volume
 from sed2cad.brep.measure import tessellate
 from sed2cad.brep.step import read_step, write_step

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from sed2cad.brep import worker
-from sed2cad.brep.attempt import Attempt, assemble
+from sed2cad.brep.attempt import Attempt
+from sed2cad.brep.build import assemble
 from sed2cad.brep.worker import Failure, run_alone, run_each, run_isolated, warm_up
 from tests.brep import jobs
 from tests.geometry import parts

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sed2cad.brep.attempt import Attempt, assemble
+from sed2cad.brep.attempt import Attempt
+from sed2cad.brep.build import assemble
 from sed2cad.primitives.base import Patch
 from sed2cad.topology.walls import walled
 from tests.geometry import parts
