@@ -143,11 +143,12 @@ def _simplified(scan: Scan, fitted: FittedPatch) -> FittedPatch:
     """
     kinds = _SIMPLER.get(fitted.primitive.kind, ())
     points, normals = (values[used_points(fitted.patch)] for values in (scan.points, scan.normals))
+    noise = max(scan.noise, FINEST)
     for kind in kinds:
         found = fit(kind, points, normals, scan.noise)
         if found is None:
             continue
-        saved = _chi_square(found[0], points, scan.noise) - _chi_square(fitted.primitive, points, scan.noise)
+        saved = _chi_square(found[0], points, noise) - _chi_square(fitted.primitive, points, noise)
         if saved < (fitted.primitive.freedom - found[0].freedom) * np.log(min(len(points), _INDEPENDENT)):
             patch = replace(fitted.patch, kind=kind)
             return FittedPatch(patch, found[0], found[0].side(points, normals), *found[1:])
@@ -193,7 +194,8 @@ def _fit_patch(scan: Scan, patch: Patch, angle: float) -> FittedPatch:
         if instead is not None:
             primitive, covariance = instead
             rms = root_mean_square(primitive.distance(points))
-    return FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
+    fitted = FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
+    return _simplified(scan, fitted) if is_degenerate(primitive, points, FINEST) else fitted
 
 
 def swept_instead_of(

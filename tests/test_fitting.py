@@ -305,3 +305,14 @@ def test_normals_that_bend_at_the_borders_do_not_make_a_strip_round() -> None:
     (found,) = fit_patches(scan, [patch])
     assert isinstance(found.primitive, Cylinder)
     assert found.primitive.radius == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_cone_that_is_flat_is_a_plane() -> None:
+    """Its radius changes by less than anybody measures; the CAD kernel refuses such a cone."""
+    rng = np.random.default_rng(0)
+    flat = Cone(np.array([0.0, 0.0, 1.0]), np.array([-1.3, 0.0, 0.0]), np.pi / 2 - 1.6e-5)
+    points = flat.project(np.column_stack([rng.uniform(-0.3, 0.3, (1200, 2)), np.zeros(1200)]))
+    scan = Scan(points, flat.normal(points), None, Frame(np.zeros(3), 1.0), noise=0.0, spacing=0.01)
+    (found,) = fit_patches(scan, [Patch(np.arange(1200), "cone", np.ones(1200, bool))])
+    assert (found.primitive.kind, found.patch.kind) == ("plane", "plane")
+    assert found.rms < 1e-5
