@@ -18,11 +18,13 @@ from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.energy import Tolerances, data_cost
 
 _NEIGHBOURS = 12
+_WITHIN = 1.0  # mean cost of points that lie within the noise: that of squares twice as large as expected
 _MOST = 400  # points of a chip: larger patches have a middle that tells them from their borders
 
 
 def absorbed(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
-    """The patches in order, without those whose points the patches around them explain nearly as well.
+    """The patches in order, without those whose points the patches around them explain nearly as well, or within the
+    noise: among points that were chosen for lying off, some always fit another surface better.
 
     These get the points, each the one that explains it best, in the terms of the segmentation's energy. The normals
     count where they tell something of a small patch: measured ones, not those that were estimated from the points.
@@ -46,7 +48,8 @@ def absorbed(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
         ways = [(fitted[n].primitive, fitted[n].sign) for n in (k, *hosts)]
         now, *others = (data_cost(surface, sign, points, normals, tolerances) for surface, sign in ways)
         costs = np.array(others)
-        if (costs.min(axis=0) - now).sum() < tolerances.primitive:
+        least = costs.min(axis=0)
+        if (least - now).sum() < tolerances.primitive or least.mean() < _WITHIN:
             owner[own] = np.array(hosts)[costs.argmin(axis=0)]
     return [_with_points(patch, own) for k, patch in enumerate(fitted) if len(own := np.flatnonzero(owner == k))]
 

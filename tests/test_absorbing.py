@@ -53,6 +53,19 @@ def test_a_chip_on_an_edge_goes_to_the_faces_beside_it(turned: bool) -> None:
         assert (truth[patch.patch.indices] != number).sum() <= 5  # points on the edge lie on both faces
 
 
+def test_a_strip_of_points_that_err_outwards_is_no_face() -> None:
+    """Some plane lies better among points that were picked for their errors."""
+    points, _, face = box((1.0, 0.8, 0.5), 30_000)
+    scan, truth = scanned(points, face, None)
+    world = scan.frame.to_world(scan.points)
+    beside = (truth == 1) & (world[:, 1] > 0.33)  # the edge with face 3
+    strip = np.flatnonzero(beside & (world[:, 0] > 0.5))
+    assert 100 < len(strip) < 400
+    labels = truth.copy()
+    labels[strip] = 6
+    assert len(absorbed(scan, fit_patches(scan, patches(labels)))) == 6
+
+
 @pytest.mark.parametrize("measured", [False, True])
 def test_a_chamfer_stays(measured: bool) -> None:
     points, normals, face = box((1.0, 0.8, 0.5), 30_000)

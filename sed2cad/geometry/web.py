@@ -102,6 +102,35 @@ class Web:
         other.loops.append([[(k, -1)], [(double, 1)]] if chain.closed else [[(double, 1), (k, -1)]])
         return other
 
+    def beside(self, k: int, region: int) -> int:
+        """The region on the other side of a chain."""
+        chain = self.chains[k]
+        return chain.right if chain.left == region else chain.left
+
+    def without_ring(self, k: int) -> Web:
+        """The web without a closed chain, a hole in both its regions."""
+        other = self.copy()
+        other.dead.add(k)
+        for region in (self.chains[k].left, self.chains[k].right):
+            other.loops[region] = [loop for loop in other.loops[region] if loop[0][0] != k]
+        return other
+
+    def united(self, k: int) -> Web:
+        """The web without chain k: the newest region, on one side of it, becomes part of the one on the other."""
+        other, new = self.copy(), len(self.loops) - 1
+        old = self.beside(k, new)
+        other.dead.add(k)
+        rings = [next(loop for loop in other.loops[r] if k in (n for n, _ in loop)) for r in (old, new)]
+        turned = [_ending_with(ring, next(step for step in ring if step[0] == k))[:-1] for ring in rings]
+        rest = [loop for r in (old, new) for loop in other.loops[r] if loop is not rings[0] and loop is not rings[1]]
+        other.loops[old] = [turned[0] + turned[1], *rest]
+        other.loops.pop()
+        other._topology = replace(self._topology, regions=self._topology.regions[:-1])
+        for n, chain in enumerate(other.chains):
+            left, right = (old if r == new else r for r in (chain.left, chain.right))
+            other.chains[n] = replace(chain, left=left, right=right)
+        return other
+
     def split(self, corner: int, first: int, second: int, at: Array, away: Array) -> Web:
         """The web with a corner torn into two, the regions number `first` and `second` of its turn in touch.
 

@@ -67,3 +67,8 @@ class Scan:
     spacing: float  # median distance to the nearest neighbour, unit frame
     part: NDArray[np.int64] | None = None  # (n,) part of the mesh between sharp edges that each point lies on,
     triangle: NDArray[np.int64] | None = None  # and its triangle (n,); None unless a CAD system made the mesh
+
+    @property
+    def reach(self) -> float:
+        """How far a proxy mesh may be from the points, unit frame."""
+        return 1.5 * self.spacing + 4 * self.noise

@@ -61,9 +61,9 @@ def proxy_mesh(scan: Scan, fitted: Sequence[FittedPatch] = ()) -> Mesh:
 
 
 def proxy_quality(mesh: Mesh, scan: Scan) -> float:
-    """Share of the points farther than 1.5 spacings (and 4 times the noise) from the mesh or facing away."""
+    """Share of the points farther from the mesh than it may be, or facing away."""
     distance, triangle = nearest_triangles(mesh, scan.points)
-    far = distance > 1.5 * scan.spacing + 4 * scan.noise
+    far = distance > scan.reach
     normals, _ = mesh.face_normals()
     opposed = np.einsum("ij,ij->i", normals[triangle], scan.normals) < -0.3
     return float((far | opposed).mean())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sed2cad.components import components
 from sed2cad.scan.scan import Array, Mesh, Scan
@@ -62,29 +63,29 @@ def merge_unsupported(near: Adjacency, costs: Array, labels: Labels, support: Su
         points = np.bincount(held[name[held] == support.label], minlength=number)
         least = np.maximum(np.minimum(_LEAST_POINTS, 0.5 * totals[name]), _LEAST_SHARE * totals[name])
         weak = points < least
-        chosen = _weakest_apart(region, near, weak, points)
+        chosen = weakest_apart(region, near, weak, points)
         if len(chosen) == 0 or number == 1:
             break
         labels = labels.copy()
         for which in chosen:
             at = region == which
-            labels[at] = _best_neighbour(at, near, costs, labels)
+            labels[at] = best_neighbour(at, near, costs, labels)
     return labels
 
 
-def _weakest_apart(region: Labels, near: Adjacency, weak: Mask, points: Labels) -> Labels:
-    """The weak regions that have no weaker weak region beside them."""
+def weakest_apart(region: Labels, near: Adjacency, weak: Mask, strength: NDArray) -> Labels:
+    """The weak regions that have no weaker weak region beside them; strength (r,)."""
     sides = region[near.pairs]
     sides = sides[(sides[:, 0] != sides[:, 1]) & weak[sides].all(axis=1)]
-    rank = np.empty(len(points))
-    rank[np.lexsort((np.arange(len(points)), points))] = np.arange(len(points))
+    rank = np.empty(len(strength))
+    rank[np.argsort(strength, kind="stable")] = np.arange(len(strength))
     beaten = np.where(rank[sides[:, 0]] > rank[sides[:, 1]], sides[:, 0], sides[:, 1])
     chosen = weak.copy()
     chosen[beaten] = False
     return np.flatnonzero(chosen)
 
 
-def _best_neighbour(inside: Mask, near: Adjacency, costs: Array, labels: Labels) -> int:
+def best_neighbour(inside: Mask, near: Adjacency, costs: Array, labels: Labels) -> int:
     """The neighbouring label on which the triangles `inside` (f,) cost least, long borders preferred."""
     border = inside[near.pairs[:, 0]] != inside[near.pairs[:, 1]]
     pairs, length = near.pairs[border], near.length[border]

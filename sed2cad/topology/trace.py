@@ -15,6 +15,7 @@ from sed2cad.topology.caps import missing_cap
 from sed2cad.topology.chains import build_topology
 from sed2cad.topology.closing import closable
 from sed2cad.topology.labelling import Adjacency, adjacency, data_costs, label_triangles
+from sed2cad.topology.lenses import without_lenses, without_tunnels
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import proxy_mesh
@@ -53,6 +54,7 @@ def trace(
     whole = bridged_labels(scan, fitted, mesh, near, labels)
     if (whole != labels).any():
         labels = cleaned_labels(mesh, near, costs, whole, support)
+    labels = without_lenses(scan, fitted, mesh, near, costs, labels)
     return _with_caps(scan, list(fitted), mesh, near, labels)
 
 
@@ -74,7 +76,8 @@ def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacenc
         labels[triangles] = len(fitted)
         fitted = [*fitted, cap]
         topology, region = _topology(mesh, near, labels)
-    return Traced(topology, closable(scan, topology, fitted), mesh, region)
+    fitted = closable(scan, topology, fitted)
+    return Traced(without_tunnels(topology, fitted), fitted, mesh, region)
 
 
 def _topology(mesh: Mesh, near: Adjacency, labels: Labels) -> tuple[Topology, Labels]:

@@ -21,8 +21,9 @@ from sed2cad.primitives.vectors import root_mean_square, unit
 from sed2cad.scan.scan import Array, Scan
 from sed2cad.topology.model import Region, Topology
 
-_LEVEL = 0.97  # cosine between the normals of the two faces, at least; opposite ones are those of a sheet
-_STEP = 0.35  # spacings: lower steps are left to the tolerances
+LEVEL = 0.97  # cosine between the normals of the two faces, at least; opposite ones are those of a sheet
+_STEP = 0.35  # spacings: lower steps are left to the tolerances,
+_SURE = 2.0  # and those lower than so many deviations of the noise
 _UPRIGHT = 0.85  # cosine between the normals of a wall and of the surface that is to hold it, at least
 _ALONG = 0.25  # of the height: a surface so near to the border runs along it
 _NEAR = 3.0  # spacings between the border and a point of such a patch
@@ -81,17 +82,28 @@ def _step(scan: Scan, topology: Topology, patches: Sequence[FittedPatch], number
     left, right = (patches[topology.regions[r].primitive] for r in (chain.left, chain.right))
     if left.primitive.freeform or right.primitive.freeform or len(chain.points) < 2:
         return None
-    up, other = (patch.sign * patch.primitive.normal(chain.points) for patch in (left, right))
-    low, high = (patch.sign * patch.primitive.distance(chain.points) for patch in (left, right))
-    cosine = float(np.median(np.einsum("ij,ij->i", up, other)))
-    rise = low - np.sign(cosine) * high  # of the right face above the left
-    if abs(cosine) < _LEVEL or abs(np.median(rise)) < _STEP * scan.spacing:
+    rise = rise_at(scan, left, right, chain.points)
+    if not rise:
         return None
     foot, head = (patch.primitive.project(chain.points) for patch in (left, right))
     around = np.vstack([chain.points[-1:], chain.points, chain.points[:1]])
     ahead = np.gradient(around, axis=0)[1:-1] if chain.closed else np.gradient(chain.points, axis=0)
-    outward = unit(np.cross(ahead, up)) * -np.sign(np.median(rise))  # to the right, where the right face is lower
+    up = left.sign * left.primitive.normal(chain.points)
+    outward = unit(np.cross(ahead, up)) * -np.sign(rise)  # to the right, where the right face is lower
     return Step(number, chain.closed, foot, head, outward)
+
+
+def rise_at(scan: Scan, left: FittedPatch, right: FittedPatch, points: Array) -> float:
+    """How far the right one of two parallel faces lies above the left along their border, points (n, 3).
+
+    0 where they are not parallel, or where the step is so low that it is none.
+    """
+    up, other = (patch.sign * patch.primitive.normal(points) for patch in (left, right))
+    low, high = (patch.sign * patch.primitive.distance(points) for patch in (left, right))
+    cosine = float(np.median(np.einsum("ij,ij->i", up, other)))
+    rise = float(np.median(low - np.sign(cosine) * high))
+    least = max(_STEP * scan.spacing, _SURE * scan.noise)
+    return rise if abs(cosine) >= LEVEL and abs(rise) >= least else 0.0
 
 
 def _is_simple(web: Web, number: int) -> bool:
@@ -164,7 +176,15 @@ def _with_wall(topology: Topology, step: Step, primitive: int, patches: Sequence
     web = Web(topology).doubled(step.chain, step.foot, step.head, wall)
     for end in () if step.closed else (0, 1):
         web = _torn(web, step, end, patches)
-    return web.topology()
+    return _in_one(web).topology()
+
+
+def _in_one(web: Web) -> Web:
+    """The web whose newest region, a wall, is one with a face beside it that goes on from it on the same surface."""
+    wall = len(web.loops) - 1
+    beside = {k: web.beside(k, wall) for loop in web.loops[wall] for k, _ in loop}
+    same = [k for k, face in beside.items() if web.primitive(face) == web.primitive(wall)]
+    return web.united(same[0]) if len(same) == 1 else web
 
 
 def _torn(web: Web, step: Step, end: int, patches: Sequence[FittedPatch]) -> Web:

@@ -1,4 +1,4 @@
-"""A doubled chain leaves the topology closed."""
+"""Edits leave the topology closed."""
 
 from __future__ import annotations
 
@@ -23,3 +23,15 @@ def test_a_doubled_chain_has_a_region_between(name: str, loops: int) -> None:
     assert (own.left, own.right, double.right) == (chain.left, double.left, chain.right)
     assert (double.points == chain.points + 1).all()
     assert len(topology.chains) == len(found.chains) - 1 and not topology.chains[k].right == own.right
+
+
+@pytest.mark.parametrize(("name", "closed"), [("box", False), ("box_with_hole", True)])
+def test_a_region_that_was_put_between_becomes_one_with_its_neighbour(name: str, closed: bool) -> None:
+    topology = parts.EXACT[name]().topology
+    k = next(n for n, chain in enumerate(topology.chains) if chain.closed == closed)
+    web = Web(topology).doubled(k, topology.chains[k].points, topology.chains[k].points, topology.regions[0])
+    for gone in (k, len(web.chains) - 1):
+        found = web.united(gone).topology()
+        check_closed(found)
+        assert len(found.regions) == len(topology.regions) and len(found.chains) == len(topology.chains)
+        assert [len(region.loops) for region in found.regions] == [len(region.loops) for region in topology.regions]
