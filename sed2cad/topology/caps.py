@@ -21,6 +21,7 @@ from sed2cad.topology.model import Chain, Region, Topology
 
 _STEEP = 0.6  # cosine to the axis above which a triangle can be part of a cap
 _LEAST_TRIANGLES = 3
+_END = 0.15  # of the length of a face about an axis: what lies there is at its end
 _NEAR_APEX = 0.02  # unit frame: a cone's region may end at its apex
 
 
@@ -54,7 +55,7 @@ def missing_cap(
         if abs(turns(primitive, face, topology.chains)) < 0.5:
             continue
         height = _loop_height(primitive, face, topology)
-        found = _cap(primitive, mesh, np.flatnonzero(region == index), height)
+        found = _cap(fitted[face.primitive], primitive, mesh, np.flatnonzero(region == index), height)
         if found is not None:
             plane, triangles = found
             return _as_patch(plane, triangles, scan, mesh), triangles
@@ -82,7 +83,7 @@ def _loop_height(primitive: Cylinder | Cone, face: Region, topology: Topology) -
 
 
 def _cap(
-    primitive: Cylinder | Cone, mesh: Mesh, triangles: Labels, loop_height: float
+    patch: FittedPatch, primitive: Cylinder | Cone, mesh: Mesh, triangles: Labels, loop_height: float
 ) -> tuple[Plane, Labels] | None:
     """The plane at the end of the region that has no loop, and which of its triangles are on it."""
     heights = _heights(primitive, mesh.centroids()[triangles])
@@ -94,13 +95,28 @@ def _cap(
     normals, areas = mesh.face_normals()
     along = normals[triangles] @ primitive.axis
     reach = np.abs(heights - end)
-    facing = np.sign((along * areas[triangles])[reach < 0.15 * span + 1e-9].sum())
+    facing = np.sign((along * areas[triangles])[reach < _END * span + 1e-9].sum())
     on_cap = (along * facing > _STEEP) & (reach < 0.4 * span + 1e-9)
+    pointed = isinstance(primitive, Cone) and not upper
+    if on_cap.sum() < _LEAST_TRIANGLES and not pointed:  # the floor of a bore that nobody saw
+        facing = patch.sign * (1.0 if upper else -1.0)
+        on_cap = reach < _END * span
     if on_cap.sum() < _LEAST_TRIANGLES or on_cap.all():
         return None
     height = float(np.median(heights[on_cap]))
     normal = facing * primitive.axis
+    if not _around(primitive, mesh, triangles[on_cap]):
+        on_cap = reach <= reach[on_cap].max()
     return Plane(normal, float(normal @ (_origin(primitive) + height * primitive.axis))), triangles[on_cap]
+
+
+def _around(primitive: Cylinder | Cone, mesh: Mesh, triangles: Labels) -> bool:
+    """Whether the axis goes through triangles: the border of a cap that it misses does not go around it."""
+    x, y = tangent_frame(primitive.axis)
+    corners = mesh.vertices[mesh.faces[triangles]] - _origin(primitive)
+    angles = np.arctan2(corners @ y, corners @ x)
+    steps = np.roll(angles, -1, axis=1) - angles
+    return bool(abs(((steps + np.pi) % (2 * np.pi) - np.pi).sum()) > np.pi)
 
 
 def _as_patch(plane: Plane, triangles: Labels, scan: Scan, mesh: Mesh) -> FittedPatch:

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from sed2cad.fitting import fit
-from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.base import FittedPatch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.bspline_fit import fit_over_plane
 from sed2cad.primitives.cone import Cone
+from sed2cad.primitives.net_surface import NetSurface
 from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
@@ -54,11 +55,20 @@ def _domed(scan: Scan, patch: FittedPatch) -> FittedPatch:
         if found is None:
             continue
         primitive, rms, covariance = found
-        if isinstance(primitive, BSplineSurface) and primitive.base != "plane":
-            primitive = fit_over_plane(points, normals, scan.noise) or primitive
-            rms = root_mean_square(primitive.distance(points))
+        if _goes_round(primitive):
+            flat = fit_over_plane(points, normals, scan.noise)
+            if flat is None:
+                continue
+            primitive, rms = flat, root_mean_square(flat.distance(points))
         if kind == "sphere" and rms > max(_WORSE * patch.rms, _FINEST):
             continue
         sign = primitive.side(points, normals)
         return FittedPatch(replace(patch.patch, kind=kind), primitive, sign, rms, covariance)
     return patch
+
+
+def _goes_round(primitive: Primitive) -> bool:
+    """Whether a freeform surface closes on itself like a cylinder."""
+    if isinstance(primitive, NetSurface):
+        return primitive.closed
+    return isinstance(primitive, BSplineSurface) and primitive.base != "plane"

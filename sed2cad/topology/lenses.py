@@ -23,15 +23,16 @@ from sed2cad.topology.walls import LEVEL, rise_at
 
 _FEWEST = 3  # planes around a plane
 _PASSES = 12
+_OFF = 0.01  # unit frame: points that are nearer to the solid lie on it
 
 
 def without_lenses(
     scan: Scan, fitted: Sequence[FittedPatch], mesh: Mesh, near: Adjacency, costs: Array, labels: Labels
 ) -> Labels:
-    """Labels (f,) in which such regions have joined the best neighbour, the smallest first, where it is no farther
-    from them than the proxy mesh may be from the scan."""
+    """Labels (f,) in which such regions have joined the best neighbour, the smallest first, where it is near."""
     flat = np.array([patch.primitive.kind == "plane" for patch in fitted])
     centres, (_, area) = mesh.centroids(), mesh.face_normals()
+    limit = max(scan.reach, _OFF)
     for _ in range(_PASSES):
         number, region = connected(labels, near)
         lens = _impossible(scan, fitted, flat, centres, near, labels, region, number)
@@ -40,7 +41,7 @@ def without_lenses(
         for which in chosen:
             at = region == which
             best = best_neighbour(at, near, costs, before)
-            if np.abs(fitted[best].primitive.distance(centres[at])).max() < scan.reach:
+            if np.abs(fitted[best].primitive.distance(centres[at])).max() < limit:
                 labels = np.where(at, best, labels)
         if labels is before:
             break

@@ -22,8 +22,6 @@ from sed2cad.topology.proxy import proxy_mesh
 from sed2cad.topology.regions import cleaned_labels, connected, support_of, unpinch
 from sed2cad.topology.samples import settled_labels
 
-_MOST_CAPS = 8
-
 
 @dataclass(frozen=True)
 class Traced:
@@ -67,7 +65,7 @@ def retraced(scan: Scan, mesh: Mesh, fitted: Sequence[FittedPatch], labels: Labe
 def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels) -> Traced:
     """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
     topology, region = _topology(mesh, near, labels)
-    for _ in range(_MOST_CAPS):
+    for _ in topology.regions:
         found = missing_cap(scan, mesh, region, topology, fitted)
         if found is None:
             break

@@ -9,9 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sed2cad.errors import AssemblyError
+from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.plane import Plane
 from sed2cad.topology.manifold import euler_number, is_closed_manifold
-from sed2cad.topology.model import Topology
-from sed2cad.topology.trace import trace
+from sed2cad.topology.model import Region, Topology
+from sed2cad.topology.trace import Traced, trace
 
 from . import scans
 
@@ -132,6 +134,38 @@ def test_a_missing_cap_is_added():
     cap = traced.fitted[-1].primitive
     assert len(traced.fitted) == 5 and cap.kind == "plane"
     assert cap.distance(np.array([[0.0, 0.0, 0.3]]))[0] == pytest.approx(0, abs=scan.spacing)
+
+
+def test_nine_bores_with_floors_that_nobody_saw_are_closed():
+    size, radius, floor = np.array([0.9, 0.9, 0.3]), 0.03, -0.02
+    places = [np.array([x, y, 0.0]) for x in (-0.25, 0.0, 0.25) for y in (-0.25, 0.0, 0.25)]
+
+    def bored(rng: np.random.Generator, count: int) -> np.ndarray:
+        found = scans.rectangle(2, 1, size)[3](rng, 2 * count)
+        away = np.min([np.linalg.norm((found - place)[:, :2], axis=1) for place in places], axis=0)
+        return found[away > radius][:count]
+
+    def bore(place: np.ndarray) -> scans.Piece:
+        _, sign, area, points = scans.wall(radius, floor, size[2] / 2, -1)
+        return Cylinder(scans.Z, place, radius), sign, area, lambda rng, count: points(rng, count) + place
+
+    top = Plane(scans.Z, size[2] / 2), 1, float(size[0] * size[1]), bored
+    scan, fitted = scans.scan_of([*scans.box(tuple(size))[:-1], top, *map(bore, places)], 9000)
+    traced = trace(scan, fitted)
+    caps = traced.fitted[len(fitted) :]
+    assert len(caps) == len(places)
+    for cap in caps:
+        assert abs(cap.sign * cap.primitive.normal(np.zeros((1, 3)))[0, 2] - 1) < 1e-9
+        assert cap.primitive.distance(np.array([[0.0, 0.0, floor]]))[0] == pytest.approx(0, abs=2 * scan.spacing)
+    for place in places:
+        around = [len(region.loops) for region in traced.topology.regions if on_bore(traced, region, place)]
+        assert around == [2]
+
+
+def on_bore(traced: Traced, region: Region, place: np.ndarray) -> bool:
+    """Whether a region is on the bore at a place."""
+    surface = traced.fitted[region.primitive].primitive
+    return isinstance(surface, Cylinder) and bool(np.allclose(np.asarray(surface.point)[:2], place[:2]))
 
 
 def test_a_closed_input_mesh_is_the_proxy():
