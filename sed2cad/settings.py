@@ -22,8 +22,8 @@ class Settings:
     cap: bool = False  # whether flat faces close the part where the scan ends; without, the shell stays open there
     device: str = "auto"  # where the network runs: "auto", "cpu", "cuda"
     unit: str = "mm"  # of the scan's coordinates: "mm", "cm", "m", "in"
-    exact_seconds: float = 30.0  # of assembly, after which no further attempt at an exact solid is begun
-    solid_seconds: float = 45.0  # of assembly, after which no face is replaced any more and the solid is made of facets
+    exact_seconds: float = 20.0  # of assembly, after which no further attempt at an exact solid is begun
+    solid_seconds: float = 32.0  # of assembly, after which no face is replaced any more and the solid is made of facets
     attempt_seconds: float = 30.0  # for one attempt to build the solid; the CAD kernel hangs now and then
 
     def __post_init__(self) -> None:
