@@ -11,6 +11,7 @@ from sed2cad.geometry.curves import Array
 from sed2cad.primitives.vectors import unit
 
 _LONGEST_STEP = 0.02  # unit frame
+_FEW = 12
 _LEAST_CURVATURE = 0.3  # 1 / unit: bounds how far a flat contact can push sideways
 
 
@@ -24,7 +25,12 @@ class Projected:
 
 
 def smoothed(points: Array, closed: bool, passes: int = 8) -> Array:
-    """Points (n, 3) freed from zigzag but not shrunk (Taubin 1995); the ends of an open chain stay."""
+    """Points (n, 3) freed from zigzag but not shrunk (Taubin 1995); the ends of an open chain stay.
+
+    So does a ring of few points, which would shrink.
+    """
+    if closed and len(points) < _FEW:
+        return points
     points = points.copy()
     for _ in range(passes):
         for weight in (0.5, -0.53):

@@ -249,9 +249,15 @@ def _runs_back(curve: Curve, points: Array, sweep: float) -> bool:
 def _sweep(curve: Curve, points: Array, closed: bool) -> float:
     """The signed angle that ordered points (k, 3) run along a circle or ellipse.
 
-    First and last point leave a choice of whole turns; the arc whose points lie along the given ones wins.
+    First and last point leave a choice of whole turns; the arc whose points lie along the given ones wins. Closed
+    points that go around the curve's axis say it themselves, however far they stray.
     """
-    first, last = curve.parameters(points[[0, -1]])
+    angles = curve.parameters(points)
+    if closed:
+        turns = float((np.mod(np.diff(angles, append=angles[:1]) + np.pi, TURN) - np.pi).sum()) / TURN
+        if abs(turns) > 0.5:
+            return float(np.sign(turns)) * TURN
+    first, last = angles[[0, -1]]
     apart = np.mod(last - first + np.pi, TURN) - np.pi
     choices = np.array([-TURN, TURN]) if closed else apart + TURN * np.array([0.0, -1.0, 1.0])
     choices = choices[np.abs(choices) < TURN + 1e-6]

@@ -12,6 +12,7 @@ from sed2cad.geometry.contact import Meeting, Side
 from sed2cad.geometry.curves import Arc, Array, Curve, Interpolated, arc_through
 from sed2cad.geometry.intersections import exact_intersections
 from sed2cad.geometry.recognise import recognise
+from sed2cad.geometry.rulings import common_ruling
 from sed2cad.topology.model import Chain
 
 _FAR = 0.05  # unit frame: chain points that would move farther are not trusted
@@ -21,6 +22,8 @@ _ENDS = 2e-3  # and this near to the chain's corners
 _ASTRAY = 3e-3  # a worse curve may be no better than the traced chain itself
 _SMOOTH = 1e-5  # interpolated curves get more points until they are this near to both surfaces
 _MET = 1e-7  # unit frame: an edge ends at its corner
+_DENSE = 65  # points that tell the length of an arc
+_DETOUR = 1.1  # times the length of its chain: a longer arc is not its curve
 _BENT = 17  # points of an exact curve that is bent
 
 
@@ -42,6 +45,11 @@ def edge_geometry(chain: Chain, a: Side, b: Side, how: Meeting, corners: Array) 
     if curve is not None:
         return _measured(a, b, curve, points, chain.closed)
     found = _measured(a, b, *_numeric(a, b, points, how, chain.closed), chain.closed)
+    ruling = None if chain.closed else common_ruling(a.primitive, b.primitive, points[0], points[-1])
+    if ruling is not None:
+        straight = _measured(a, b, ruling, points, False)
+        if straight.residual < max(found.residual, _ENDS):
+            return straight
     if found.residual < _ASTRAY:
         return found
     traced = _measured(a, b, Interpolated(points, chain.closed), points, chain.closed)
@@ -96,7 +104,7 @@ def _numeric(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> tup
         return _through(a, b, found[trusted] if trusted.sum() > 3 else points, how, True)
     ends_off = np.linalg.norm(found[[0, -1]] - points[[0, -1]], axis=1)
     trusted[[0, -1]] = False
-    inner = found[_in_order(found, trusted, points[0], points[-1])]
+    inner = found[_in_order(found, trusted, points[0], points[-1], ends_off)]
     if ends_off.max() > _ENDS or len(inner) < 2:
         # the corners lie off the curve: rather all of it a little off than a kink at its ends
         line = np.vstack([found[:1], inner, found[-1:]]) if len(inner) > 1 else points
@@ -113,10 +121,15 @@ def _numeric(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> tup
 def _through(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> tuple[Curve, Array]:
     """The curve through points (n, 3): a simple one, or interpolated as closely as the surfaces ask for."""
     simple = recognise(points, closed)
-    if simple is not None:
+    if simple is not None and (closed or _runs_straight(simple, points)):
         return simple, points
     points = _refined(a, b, points, how, closed)
     return Interpolated(points, closed), points
+
+
+def _runs_straight(curve: Curve, points: Array) -> bool:
+    """Whether a curve runs along points (n, 3) without detours: a thin ellipse may go around its tip."""
+    return length(arc_through(curve, points, False).sampled(_DENSE), False) < _DETOUR * length(points, False)
 
 
 def _project(a: Side, b: Side, points: Array, how: Meeting) -> tuple[Array, NDArray[np.bool_]]:
@@ -128,16 +141,19 @@ def _project(a: Side, b: Side, points: Array, how: Meeting) -> tuple[Array, NDAr
     return projected.points, trusted
 
 
-def _in_order(found: Array, trusted: NDArray[np.bool_], start: Array, end: Array) -> list[int]:
-    """Indices of trusted points that lie between the corners and make way along the chain."""
+def _in_order(found: Array, trusted: NDArray[np.bool_], start: Array, end: Array, ends_off: Array) -> list[int]:
+    """Indices of trusted points that lie between the corners and make way along the chain.
+
+    They keep as far from a corner as that is off the curve (2,), so that the curve does not turn back to reach it.
+    """
     step = length(found, False) / max(len(found) - 1, 1)
     ways = np.gradient(found, axis=0)
     ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-300)
     kept: list[int] = []
     last = start
     for k in np.flatnonzero(trusted):
-        least = 0.15 * step if kept else 0.3 * step
-        early = k < len(found) / 2 or (end - found[k]) @ ways[k] > 0.3 * step
+        least = 0.15 * step if kept else max(0.3 * step, ends_off[0])
+        early = k < len(found) / 2 or (end - found[k]) @ ways[k] > max(0.3 * step, ends_off[1])
         if (found[k] - last) @ ways[k] > least and early:
             kept.append(int(k))
             last = found[k]
@@ -153,6 +169,8 @@ def _refined(a: Side, b: Side, points: Array, how: Meeting, closed: bool) -> Arr
         middles = curve.at((curve.knots[1:] + curve.knots[:-1]) / 2)
         projected = onto_both(a, b, middles, how)
         sound = (projected.moved < 0.25 * np.diff(curve.knots)) & (projected.residual < _CONVERGED)
+        if not closed:  # no curve on both surfaces goes on to a corner that is off them
+            sound[[0, -1]] &= off_surfaces(a, b, points[[0, -1]]) < _CONVERGED
         add = np.flatnonzero((projected.moved > _SMOOTH) & sound)
         if len(add) == 0 or len(points) > 400:
             break

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from sed2cad.components import components
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
@@ -16,6 +18,7 @@ from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.torus import Torus
 from sed2cad.primitives.vectors import root_mean_square, tangent_frame
 from sed2cad.scan.scan import Array, Mesh, Scan
+from sed2cad.topology.labelling import Adjacency
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.model import Chain, Region, Topology
 
@@ -45,7 +48,7 @@ def turns(primitive: Round, region: Region, chains: Sequence[Chain]) -> float:
 
 
 def missing_cap(
-    scan: Scan, mesh: Mesh, region: Labels, topology: Topology, fitted: Sequence[FittedPatch]
+    scan: Scan, mesh: Mesh, near: Adjacency, region: Labels, topology: Topology, fitted: Sequence[FittedPatch]
 ) -> tuple[FittedPatch, Labels] | None:
     """The first missing cap, as a plane across the axis, and its triangles; None when nothing is missing."""
     for index, face in enumerate(topology.regions):
@@ -58,6 +61,7 @@ def missing_cap(
         found = _cap(fitted[face.primitive], primitive, mesh, np.flatnonzero(region == index), height)
         if found is not None:
             plane, triangles = found
+            triangles = _in_one(near, region == index, triangles)
             return _as_patch(plane, triangles, scan, mesh), triangles
     return None
 
@@ -117,6 +121,19 @@ def _around(primitive: Cylinder | Cone, mesh: Mesh, triangles: Labels) -> bool:
     angles = np.arctan2(corners @ y, corners @ x)
     steps = np.roll(angles, -1, axis=1) - angles
     return bool(abs(((steps + np.pi) % (2 * np.pi) - np.pi).sum()) > np.pi)
+
+
+def _in_one(near: Adjacency, inside: NDArray[np.bool_], cap: Labels) -> Labels:
+    """The largest piece of the triangles of a cap, with what it cuts off from the rest of its region (f,)."""
+    rest = inside & ~np.isin(np.arange(len(inside)), _largest(near, cap, len(inside)))
+    return np.setdiff1d(np.flatnonzero(inside), _largest(near, np.flatnonzero(rest), len(inside)))
+
+
+def _largest(near: Adjacency, triangles: Labels, count: int) -> Labels:
+    """The connected piece with the most of some of `count` triangles."""
+    chosen = np.isin(np.arange(count), triangles)
+    number, piece = components(count, near.pairs[chosen[near.pairs].all(axis=1)])
+    return triangles[piece[triangles] == np.bincount(piece[triangles], minlength=number).argmax()]
 
 
 def _as_patch(plane: Plane, triangles: Labels, scan: Scan, mesh: Mesh) -> FittedPatch:

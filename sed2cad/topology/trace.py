@@ -9,7 +9,7 @@ import numpy as np
 
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
-from sed2cad.scan.scan import Mesh, Scan
+from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.bridges import bridged_labels
 from sed2cad.topology.caps import missing_cap
 from sed2cad.topology.chains import build_topology
@@ -53,26 +53,30 @@ def trace(
     if (whole != labels).any():
         labels = cleaned_labels(mesh, near, costs, whole, support)
     labels = without_lenses(scan, fitted, mesh, near, costs, labels)
-    return _with_caps(scan, list(fitted), mesh, near, labels)
+    return _with_caps(scan, list(fitted), mesh, near, costs, labels)
 
 
 def retraced(scan: Scan, mesh: Mesh, fitted: Sequence[FittedPatch], labels: Labels) -> Traced:
     """The topology of changed labels (f,) of a proxy's triangles."""
     costs = np.column_stack([np.abs(patch.primitive.distance(mesh.centroids())) for patch in fitted])
-    return _with_caps(scan, list(fitted), mesh, adjacency(mesh), unpinch(mesh, costs, labels))
+    return _with_caps(scan, list(fitted), mesh, adjacency(mesh), costs, unpinch(mesh, costs, labels))
 
 
-def _with_caps(scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels) -> Traced:
+def _with_caps(
+    scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, costs: Array, labels: Labels
+) -> Traced:
     """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
     topology, region = _topology(mesh, near, labels)
     for _ in topology.regions:
-        found = missing_cap(scan, mesh, region, topology, fitted)
+        found = missing_cap(scan, mesh, near, region, topology, fitted)
         if found is None:
             break
         cap, triangles = found
         labels = labels.copy()
         labels[triangles] = len(fitted)
         fitted = [*fitted, cap]
+        costs = np.column_stack([costs, np.abs(cap.primitive.distance(mesh.centroids())) / scan.spacing])
+        labels = unpinch(mesh, costs, labels)
         topology, region = _topology(mesh, near, labels)
     fitted = closable(scan, topology, fitted)
     return Traced(without_tunnels(topology, fitted), fitted, mesh, region)

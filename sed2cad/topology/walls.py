@@ -30,6 +30,7 @@ _NEAR = 3.0  # spacings between the border and a point of such a patch
 _LOOSE = 0.8  # spacings: rms of the border from the wall that stands on it
 _LONG = 2.0  # heights: a shorter border with no such patch is a flaw of the mesh, where a corner is
 _LEAST_LENGTH = 4.0  # spacings, for the same reason
+_TOO_HIGH = 0.02  # unit frame: a step that no edge can bridge within the gate's tolerance is none of these
 _ROWS = 5  # of points on a wall
 
 
@@ -133,7 +134,8 @@ def _running_along(scan: Scan, step: Step, patches: Sequence[FittedPatch]) -> in
 
 def _standing_on(scan: Scan, step: Step, patches: Sequence[FittedPatch]) -> FittedPatch | None:
     """A plane or cylinder through the border, across the faces: like a plane that is there, if that will do."""
-    if step.length < max(_LONG * step.height, _LEAST_LENGTH * scan.spacing):
+    short = step.length < max(_LONG * step.height, _LEAST_LENGTH * scan.spacing)
+    if short and (step.closed or step.height < _TOO_HIGH):
         return None
     points, normals = step.rows()
     limit = _LOOSE * scan.spacing
