@@ -59,13 +59,13 @@ def stepped_box(bent: bool = False, slanted: float = 0.0) -> parts.Part:
     return b.part(volume, 2000.0)
 
 
-def sheet(thick: float = 1.0) -> parts.Part:
-    """A plate of 30 x 20 without its side at x = 0: there its top and bottom share a border."""
+def sheet(thick: float = 1.0, wide: float = WIDE) -> parts.Part:
+    """A plate of 30 x `wide` without its side at x = 0: there its top and bottom share a border."""
     b = Builder()
-    front, right, back = (b.face(Plane(w, d)) for w, d in ((-Y, 0), (X, 30), (Y, WIDE)))
+    front, right, back = (b.face(Plane(w, d)) for w, d in ((-Y, 0), (X, 30), (Y, wide)))
     top, bottom = b.face(Plane(Z, thick)), b.face(Plane(-Z, 0))
-    low, high = ([b.corner(30, 0, z), b.corner(30, WIDE, z)] for z in (0.0, thick))
-    near, far = b.corner(0, 0, thick / 2), b.corner(0, WIDE, thick / 2)
+    low, high = ([b.corner(30, 0, z), b.corner(30, wide, z)] for z in (0.0, thick))
+    near, far = b.corner(0, 0, thick / 2), b.corner(0, wide, thick / 2)
     lows = [b.line(near, low[0], front, bottom), b.line(low[0], low[1], right, bottom),
             b.line(low[1], far, back, bottom)]  # fmt: skip
     highs = [b.line(near, high[0], top, front), b.line(high[0], high[1], top, right), b.line(high[1], far, top, back)]
@@ -76,7 +76,7 @@ def sheet(thick: float = 1.0) -> parts.Part:
     b.loop(front, (lows[0], 1), (posts[0], 1), (highs[0], -1))
     b.loop(right, (lows[1], 1), (posts[1], 1), (highs[1], -1), (posts[0], -1))
     b.loop(back, (lows[2], 1), (highs[2], -1), (posts[1], -1))
-    return b.part(30 * WIDE * thick, 2000.0)
+    return b.part(30 * wide * thick, 2000.0)
 
 
 def raised_disc(radius: float = 5.0, height: float = 0.6) -> parts.Part:
@@ -101,8 +101,9 @@ def scan_of(part: parts.Part, points: np.ndarray | None = None) -> SimpleNamespa
         (stepped_box(bent=True), "plane"),
         (raised_disc(), "cylinder"),
         (sheet(), "plane"),
+        (sheet(thick=4.0, wide=5.0), "plane"),
     ],
-    ids=["step", "slanted", "four faces", "boss", "sheet"],
+    ids=["step", "slanted", "four faces", "boss", "sheet", "post"],
 )
 def test_a_step_gets_its_wall(part: parts.Part, kind: str) -> None:
     topology, patches = walled(scan_of(part), part.topology, part.fitted)
