@@ -37,13 +37,14 @@ class EdgeGeometry:
 
 def edge_geometry(chain: Chain, a: Side, b: Side, how: Meeting, corners: Array) -> EdgeGeometry:
     """The curve of a chain between its solved corners (c, 3)."""
-    points = smoothed(chain.points, chain.closed)
-    if not chain.closed:
-        points = between(points, corners[chain.start], corners[chain.end])
-    points = resampled(points, int(np.clip(len(points), 12, 72)), chain.closed)
+    traced = smoothed(chain.points, chain.closed)
+    points = traced if chain.closed else between(traced, corners[chain.start], corners[chain.end])
+    count = int(np.clip(len(points), 12, 72))
+    points, traced = resampled(points, count, chain.closed), resampled(traced, count, chain.closed)
     curve = _closed_form(a, b, points, how, chain.closed)
-    if curve is not None:
-        return _measured(a, b, curve, points, chain.closed)
+    if curve is not None:  # which way around it goes say the points that are not moved with the corners
+        along = traced if chain.closed else np.vstack([points[:1], traced[1:-1], points[-1:]])
+        return _measured(a, b, curve, along, chain.closed)
     found = _measured(a, b, *_numeric(a, b, points, how, chain.closed), chain.closed)
     ruling = None if chain.closed else common_ruling(a.primitive, b.primitive, points[0], points[-1])
     if ruling is not None:
@@ -52,8 +53,8 @@ def edge_geometry(chain: Chain, a: Side, b: Side, how: Meeting, corners: Array) 
             return straight
     if found.residual < _ASTRAY:
         return found
-    traced = _measured(a, b, Interpolated(points, chain.closed), points, chain.closed)
-    return min(found, traced, key=lambda edge: edge.residual)
+    as_traced = _measured(a, b, Interpolated(points, chain.closed), points, chain.closed)
+    return min(found, as_traced, key=lambda edge: edge.residual)
 
 
 def bent(edge: EdgeGeometry, a: Side, b: Side, start: Array, end: Array) -> EdgeGeometry:
