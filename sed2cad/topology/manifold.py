@@ -29,15 +29,16 @@ def following(half_edge: Index) -> Index:
 def twins(faces: Faces) -> Index:
     """The opposite half-edge (3 f,) of each half-edge; -1 where there is none or more than one."""
     origin, target = half_edges(faces)
-    count = int(faces.max()) + 1 if len(faces) else 1
-    key, reverse = origin * count + target, target * count + origin
+    key = np.minimum(origin, target) * (int(faces.max(initial=0)) + 1) + np.maximum(origin, target)
     order = np.argsort(key, kind="stable")
     ordered = key[order]
-    place = np.searchsorted(ordered, reverse)
-    once = np.searchsorted(ordered, reverse, side="right") - place == 1
-    single = np.searchsorted(ordered, key, side="right") - np.searchsorted(ordered, key) == 1
-    found = order[np.minimum(place, len(order) - 1)]
-    return np.where(once & single, found, -1)
+    fresh = np.flatnonzero(np.diff(ordered, prepend=-1))  # where the half-edges of each edge begin
+    pairs = fresh[np.diff(fresh, append=len(ordered)) == 2]
+    one, other = order[pairs], order[pairs + 1]
+    opposite = origin[one] == target[other]
+    found = np.full(len(key), -1, dtype=np.int64)
+    found[one[opposite]], found[other[opposite]] = other[opposite], one[opposite]
+    return found
 
 
 def is_closed_manifold(faces: Faces) -> bool:
@@ -117,10 +118,8 @@ def bodies(faces: Faces) -> tuple[int, Index]:
 
 
 def euler_number(faces: Faces) -> int:
-    """V - E + F: 2 for each body less 2 for each handle, if the mesh is closed and manifold."""
-    origin, target = half_edges(faces)
-    edges = np.unique(np.sort(np.column_stack([origin, target]), axis=1), axis=0)
-    return len(np.unique(faces)) - len(edges) + len(faces)
+    """V - E + F of a closed manifold: 2 for each body less 2 for each handle."""
+    return int(np.count_nonzero(np.bincount(faces.ravel()))) - len(faces) // 2
 
 
 def nearest_triangles(mesh: Mesh, points: Array) -> tuple[Array, NDArray[np.int64]]:
