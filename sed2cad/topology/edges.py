@@ -14,9 +14,10 @@ from scipy.spatial import cKDTree
 
 from sed2cad.geometry.contact import Side
 from sed2cad.primitives.base import FittedPatch
+from sed2cad.scan.neighbours import search_tree
 from sed2cad.scan.scan import Array, Scan
 from sed2cad.topology.meet import meeting
-from sed2cad.topology.samples import Labels, Mask, Samples, face_samples, settled_labels, thinned
+from sed2cad.topology.samples import Labels, Mask, Samples, face_samples, first_of_each, settled_labels, thinned
 
 _NEIGHBOURS = 12
 _REACH = 4.0  # spacings: longer pairs of points are not neighbours
@@ -48,7 +49,7 @@ def surface_samples(scan: Scan, fitted: Sequence[FittedPatch]) -> Samples:
     edges = edge_samples(faces, fitted, scan.spacing)
     if len(edges) == 0:
         return faces
-    distance, _ = cKDTree(edges.points).query(faces.points)
+    distance, _ = cKDTree(edges.points).query(faces.points, workers=-1)
     return faces[distance > _CLOSE * scan.spacing] + edges
 
 
@@ -89,8 +90,8 @@ def _in_gaps(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spac
 
 def meetings(faces: Samples, spacing: float) -> Meetings:
     """The middles between neighbouring face samples of two patches, one in each cell of half a spacing."""
-    _, near = cKDTree(faces.points).query(
-        faces.points, k=_NEIGHBOURS + 1, distance_upper_bound=_REACH * spacing
+    _, near = search_tree(faces.points).query(
+        faces.points, k=_NEIGHBOURS + 1, distance_upper_bound=_REACH * spacing, workers=-1
     )
     first, rank = np.nonzero(near < len(faces))
     pairs = np.column_stack([first, near[first, rank]])
@@ -103,7 +104,7 @@ def meetings(faces: Samples, spacing: float) -> Meetings:
     across = ends[:, 1] - ends[:, 0]
     rise = np.einsum("ij,ij->i", across, normals[:, 0] - normals[:, 1])
     key = np.column_stack([np.floor(ends.mean(axis=1) / (0.5 * spacing)).astype(np.int64), sides])
-    _, one = np.unique(key, axis=0, return_index=True)
+    one = first_of_each(key)
     return Meetings(ends.mean(axis=1), sides, np.linalg.norm(across, axis=1), rise < 0)[one]
 
 
@@ -124,7 +125,7 @@ def joined(found: Meetings, fitted: Sequence[FittedPatch], spacing: float) -> tu
 
 def _owned(edges: Samples, faces: Samples, reach: float = np.inf) -> Mask:
     """Whether the face sample nearest to each edge sample (n,) is of one of its patches, and within reach."""
-    distance, nearest = cKDTree(faces.points).query(edges.points)
+    distance, nearest = cKDTree(faces.points).query(edges.points, workers=-1)
     return np.asarray((faces.labels[nearest, :1] == edges.labels).any(axis=1) & (distance < reach))
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import FittedPatch
+from sed2cad.scan.neighbours import search_tree
 from sed2cad.scan.scan import Array, Scan
 
 Labels = NDArray[np.int64]
@@ -78,7 +78,7 @@ def settled_labels(scan: Scan, fitted: Sequence[FittedPatch]) -> Labels:
     A point that none of these surfaces explains is UNLABELLED.
     """
     labels = point_labels(len(scan.points), fitted)
-    _, near = cKDTree(scan.points).query(scan.points, k=_NEIGHBOURS + 1)
+    near = search_tree(scan.points).query(scan.points, _NEIGHBOURS + 1, workers=-1)[1]
     around = labels[near]  # the point itself comes first
     best, price = np.full(len(labels), UNLABELLED, dtype=np.int64), np.full(len(labels), 6.0)
     unit = 2 * scan.noise + 0.15 * scan.spacing
@@ -95,7 +95,7 @@ def settled_labels(scan: Scan, fitted: Sequence[FittedPatch]) -> Labels:
 
 def face_samples(scan: Scan, fitted: Sequence[FittedPatch], labels: Labels) -> Samples:
     """The points on the primitives of their labels; unlabelled ones as they are, if they are not alone."""
-    _, near = cKDTree(scan.points).query(scan.points, k=_NEIGHBOURS + 1)
+    near = search_tree(scan.points).query(scan.points, _NEIGHBOURS + 1, workers=-1)[1]
     explained = (labels[near[:, 1:]] >= 0).mean(axis=1)
     use = (labels >= 0) | (explained < 0.7)
     feet, normals = on_surfaces(scan.points, labels, fitted)
@@ -106,5 +106,11 @@ def face_samples(scan: Scan, fitted: Sequence[FittedPatch], labels: Labels) -> S
 def thinned(samples: Samples, cell: float) -> Samples:
     """One sample of each pair of labels in each cubic cell."""
     key = np.column_stack([np.floor(samples.points / cell).astype(np.int64), samples.labels])
-    _, first = np.unique(key, axis=0, return_index=True)
-    return samples[first]
+    return samples[first_of_each(key)]
+
+
+def first_of_each(rows: Labels) -> Labels:
+    """Where each distinct one of rows (n, d) comes first, in the order of the rows: np.unique, many times faster."""
+    if len(rows) == 0 or np.log2((spans := np.ptp(rows, axis=0) + 1).astype(float)).sum() > 62:
+        return np.unique(rows, axis=0, return_index=True)[1]
+    return np.unique(np.ravel_multi_index((rows - rows.min(axis=0)).T, spans), return_index=True)[1]

@@ -18,6 +18,7 @@ from sed2cad.topology.manifold import (
     twins,
 )
 from sed2cad.topology.proxy import proxy_mesh, proxy_quality, welded
+from sed2cad.topology.samples import first_of_each
 from sed2cad.topology.slivers import without_caps
 
 from . import scans
@@ -112,3 +113,9 @@ def test_a_point_is_nearest_to_the_triangle_that_it_lies_above_however_far_its_c
     distance, triangle = nearest_triangles(mesh, tip)
     assert triangle[0] == 0
     assert distance[0] == pytest.approx(0.003)
+
+
+def test_the_first_of_equal_rows_is_found_as_numpy_does() -> None:
+    rng = np.random.default_rng(0)
+    for rows in (rng.integers(-3, 4, (200, 4)), rng.integers(-(2**40), 2**40, (50, 5)), np.zeros((0, 5), np.int64)):
+        assert np.array_equal(first_of_each(rows), np.unique(rows, axis=0, return_index=True)[1])
