@@ -23,7 +23,7 @@ def common_ruling(a: Primitive, b: Primitive, start: Array, end: Array) -> Line 
     span = end - start
     if way is None or not (_ruled(a, way) and _ruled(b, way)):
         return None
-    if np.linalg.norm(np.cross(way, span)) > _PARALLEL * np.linalg.norm(span):
+    if not np.linalg.norm(np.cross(way, span)) < _PARALLEL * np.linalg.norm(span):  # nor a point
         return None
     return Line(start, unit(span))
 

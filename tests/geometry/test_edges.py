@@ -9,6 +9,7 @@ from sed2cad.geometry.chains import length
 from sed2cad.geometry.contact import Side
 from sed2cad.geometry.curves import Circle, arc_through
 from sed2cad.geometry.edges import edge_geometry
+from sed2cad.geometry.rulings import common_ruling
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.extrusion import Extrusion
@@ -78,3 +79,10 @@ def test_the_edge_where_a_wavy_surface_runs_out_into_a_plane_is_straight() -> No
     assert edge.arc.curve.kind == "line"
     assert edge.residual < 1e-6
     assert edge.arc.ends() == pytest.approx(corners)
+
+
+def test_between_a_corner_and_itself_there_is_no_straight_edge() -> None:
+    bore = Cylinder(Z, np.zeros(3), 0.1)
+    assert common_ruling(bore, Plane(X, 0.05), X, X + Z) is not None
+    assert common_ruling(bore, Plane(X, 0.05), X, X + Z + 0.1 * Y) is None
+    assert common_ruling(bore, Plane(X, 0.05), X, X) is None
