@@ -38,6 +38,7 @@ VARIANT = "variant"
 _MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
 _OPENING_SECONDS = 10.0
 _LEAST_SECONDS = 12.0  # of an attempt, and of mending, however late
+_MANY = 100_000  # points: for so many and more all limits are twice as long, as tracing takes its time
 FACET_COUNTS = (1500, 3000, 6000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
 
 
@@ -89,7 +90,7 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
     tracer = Tracer(scan, fitted, {False: completed.proxy} if completed.proxy else {})
     start = time.perf_counter()
     for rung in LADDER if settings.regularize else RAW_LADDER:
-        if tracer.proxies and time.perf_counter() - start > settings.exact_seconds:
+        if tracer.proxies and time.perf_counter() - start > settings.exact_seconds * _patience(scan):
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
         try:
@@ -108,7 +109,7 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
         trials.append(trial)
     if not tracer.proxies:
         raise AssemblyError(f"no closed surface could be laid through the scan ({failures[-1]})")
-    seconds = min(settings.attempt_seconds, _left(settings, start))
+    seconds = min(settings.attempt_seconds * _patience(scan), _left(scan, settings, start))
     mended = _mended(scan, trials, seconds, failures, done)
     if mended is not None:
         return mended
@@ -156,13 +157,19 @@ def _attempt(
     surface = np.vstack([scan.points, traced.proxy.vertices])
     options = Options(limits=_limits(scan, settings))
     attempt = Attempt(topology, tuple(patches), scan.frame, judges, options, surface)
-    outcome = run_isolated(exact_solid, attempt, min(settings.attempt_seconds, _left(settings, start)))
+    outcome = run_isolated(exact_solid, attempt, min(settings.attempt_seconds, _left(scan, settings, start)))
     return Trial(rung.name, attempt, traced, outcome, tuple(constraints))
 
 
-def _left(settings: Settings, start: float) -> float:
+def _left(scan: Scan, settings: Settings, start: float) -> float:
     """Seconds left of an assembly that began at `start`; some there always are."""
-    return max(settings.solid_seconds - (time.perf_counter() - start), _LEAST_SECONDS)
+    patience = _patience(scan)
+    return max(settings.solid_seconds * patience - (time.perf_counter() - start), _LEAST_SECONDS * patience)
+
+
+def _patience(scan: Scan) -> float:
+    """How much longer than usual the limits are: from 1 for usual scans to 2 for dense ones."""
+    return 1.0 + min(len(scan.points) / _MANY, 1.0)
 
 
 def _mended(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -42,6 +43,7 @@ Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="List all faces a
 
 def main() -> None:
     """Entry point of the `sed2cad` script."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the matrices are small: threads would wait for each other
     app()
 
 
