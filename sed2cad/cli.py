@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +17,7 @@ from sed2cad.console import Progress, counter, print_summary
 from sed2cad.errors import AssemblyError, Sed2cadError, UsageError
 from sed2cad.evaluation import commands
 from sed2cad.files import require_folder, require_writable
+from sed2cad.process import run_and_end, uncollected
 
 MAIN_JOB = "reconstruct"
 OWN_OPTIONS = ("--help", "--version")
@@ -43,8 +43,7 @@ Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="List all faces a
 
 def main() -> None:
     """Entry point of the `sed2cad` script."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the matrices are small: threads would wait for each other
-    app()
+    run_and_end(app)
 
 
 def reported(command: Command) -> Command:
@@ -140,7 +139,8 @@ def reconstruct_command(
     document = report or (step.with_suffix(".json") if script else None)
     require_outputs({"--step": step, "--report": document, "--script": script}, scan)
     warm_up()  # the CAD kernel loads in a process of its own while torch does here
-    from sed2cad.pipeline import reconstruct
+    with uncollected():
+        from sed2cad.pipeline import reconstruct
 
     progress = Progress(quiet)
     model = reconstruct(scan, settings, progress)

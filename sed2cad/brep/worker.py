@@ -202,7 +202,8 @@ def _give_back(worker: _Worker) -> None:
 
 
 @atexit.register
-def _stop_all() -> None:
+def stop_workers() -> None:
+    """Stop all idle workers, before the process ends."""
     while _idle:
         worker = _idle.pop()
         if worker.usable:
