@@ -15,11 +15,11 @@ import numpy as np
 from sed2cad.brep.attempt import AssemblyResult, Attempt, FacetedAttempt, Limits, Opening, Options, nowhere
 from sed2cad.brep.jobs import assemble as exact_solid
 from sed2cad.brep.jobs import assemble_faceted as faceted_solid
-from sed2cad.brep.jobs import opened
+from sed2cad.brep.jobs import judge, opened
 from sed2cad.brep.worker import Failure, run_isolated
 from sed2cad.completion.complete import Completed
 from sed2cad.errors import AssemblyError
-from sed2cad.mending import mend
+from sed2cad.mending import Flawed, looked_again, mend
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.names import primitive_names
 from sed2cad.regularize import Constraint, regularize
@@ -28,7 +28,6 @@ from sed2cad.scan.scan import Array, Frame, Mesh, Scan
 from sed2cad.settings import Settings
 from sed2cad.topology.faceted import decimate
 from sed2cad.topology.model import Topology
-from sed2cad.topology.trace import Traced
 
 Done = Callable[[str, str], None]
 
@@ -96,17 +95,18 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
         try:
             if not rung.walls and not tracer.has_steps(rung):
                 continue
-            trial = _attempt(rung, tracer, completed.measured, settings, start, done)
+            trial: Trial | None = _attempt(rung, tracer, completed.measured, settings, start, done)
+            while trial is not None:
+                reason = _fault(trial.outcome)
+                done("assemble", f"{trial.name}: {reason or 'closed'}")
+                if not reason:
+                    return _assembly(trial, failures)
+                failures.append(f"{trial.name}: {reason}")
+                trials.append(trial)
+                trial = _looked_again(trial, scan, settings, start) if len(trials) == 1 else None
         except AssemblyError as error:
             failures.append(f"{rung.name}: {error}")
             done("assemble", failures[-1])
-            continue
-        reason = _fault(trial.outcome)
-        done("assemble", f"{rung.name}: {reason or 'closed'}")
-        if not reason:
-            return _assembly(trial, failures)
-        failures.append(f"{rung.name}: {reason}")
-        trials.append(trial)
     if not tracer.proxies:
         raise AssemblyError(f"no closed surface could be laid through the scan ({failures[-1]})")
     seconds = min(settings.attempt_seconds * _patience(scan), _left(scan, settings, start))
@@ -124,17 +124,17 @@ class Trial:
     """One rung tried."""
 
     name: str  # of the rung
-    attempt: Attempt
-    traced: Traced
+    flawed: Flawed  # what was tried, if it was not good enough
     outcome: AssemblyResult | Failure
+    blamed: tuple[int, ...]  # regions whose faces are to blame, as far as that is known
     constraints: tuple[Constraint, ...]
 
     @property
     def flaws(self) -> float:
         """How many faces are to blame, as far as that is known; infinite where there is nothing to mend."""
         if isinstance(self.outcome, Failure):
-            return 1.5 if self.outcome.kind == "error" else math.inf
-        return len(self.outcome.blamed) or 99.0
+            return 1.5 * len(self.blamed) or math.inf
+        return len(self.blamed) or 99.0
 
     @property
     def undrawn(self) -> int:
@@ -157,8 +157,26 @@ def _attempt(
     surface = np.vstack([scan.points, traced.proxy.vertices])
     options = Options(limits=_limits(scan, settings))
     attempt = Attempt(topology, tuple(patches), scan.frame, judges, options, surface)
-    outcome = run_isolated(exact_solid, attempt, min(settings.attempt_seconds, _left(scan, settings, start)))
-    return Trial(rung.name, attempt, traced, outcome, tuple(constraints))
+    seconds = min(settings.attempt_seconds, _left(scan, settings, start))
+    return _tried(rung.name, Flawed(attempt, traced), tuple(constraints), seconds)
+
+
+def _tried(name: str, flawed: Flawed, constraints: tuple[Constraint, ...], seconds: float) -> Trial:
+    """What the kernel makes of an attempt."""
+    verdict = run_isolated(judge, flawed.attempt, seconds)
+    if isinstance(verdict, Failure):
+        return Trial(name, flawed, verdict, (), constraints)
+    outcome = verdict.result or Failure("error", verdict.reason)
+    return Trial(name, replace(flawed, verdict=verdict), outcome, verdict.blamed, constraints)
+
+
+def _looked_again(trial: Trial, scan: Scan, settings: Settings, start: float) -> Trial | None:
+    """The same rung after a second look at the regions to blame; None where that changes nothing. AssemblyError."""
+    again = looked_again(scan, trial.flawed, trial.blamed) if trial.blamed else None
+    if again is None:
+        return None
+    seconds = min(settings.attempt_seconds, _left(scan, settings, start))
+    return _tried(f"{trial.name}, second look", again, trial.constraints, seconds)
 
 
 def _left(scan: Scan, settings: Settings, start: float) -> float:
@@ -185,18 +203,19 @@ def _mended(
 
         left = (end - time.perf_counter()) / 2 if trial is not hopeful[-1] else end - time.perf_counter()
         try:
-            mended, reason = mend(scan, trial.attempt, trial.traced, run_isolated, left, say)
+            mended, reason = mend(scan, trial.flawed, run_isolated, left, say)
         except AssemblyError as error:
             mended, reason = None, str(error)
         if mended is not None:
-            return _assembly(replace(trial, name=MENDED, attempt=mended.attempt, outcome=mended.result), failures)
+            flawed = replace(trial.flawed, attempt=mended.attempt)
+            return _assembly(replace(trial, name=MENDED, flawed=flawed, outcome=mended.result), failures)
         failures.append(f"{MENDED}: {reason}")
     return None
 
 
 def _assembly(trial: Trial, failures: Sequence[str]) -> Assembly:
     """What a trial made."""
-    attempt, solid = trial.attempt, trial.outcome
+    attempt, solid = trial.flawed.attempt, trial.outcome
     assert isinstance(solid, AssemblyResult)
     names = face_names(solid, attempt.fitted)
     return Assembly(attempt.fitted, attempt.topology, solid, names, trial.name, tuple(failures), trial.constraints)

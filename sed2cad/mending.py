@@ -97,12 +97,6 @@ class Mending:
             self.replace(region)
         return bool(left) and self.share() < _LARGEST
 
-    def retraced(self, scan: Scan, traced: Traced) -> Mending:
-        """The same on other regions, with nothing replaced yet."""
-        topology, fitted = walled(scan, traced.topology, traced.fitted)
-        base = replace(self.base, topology=topology, fitted=tuple(fitted))
-        return Mending(base, traced)
-
     def misfits(self) -> tuple[int, ...]:
         """Regions whose surface does not even explain their triangles."""
         found = []
@@ -127,28 +121,49 @@ class Mended:
     attempt: Attempt
 
 
+@dataclass(frozen=True)
+class Flawed:
+    """An attempt that failed."""
+
+    attempt: Attempt
+    traced: Traced
+    verdict: Verdict | None = None  # None: not known yet
+    looked: bool = False  # whether it is what a second look gave
+
+
+def looked_again(scan: Scan, flawed: Flawed, blamed: Sequence[int]) -> Flawed | None:
+    """The attempt on the regions that a second look gives; None where nothing changes. AssemblyError."""
+    again = remedied(scan, flawed.traced, flawed.attempt.fitted, blamed)
+    if again is None:
+        return None
+    topology, fitted = walled(scan, again.topology, again.fitted)
+    return Flawed(replace(flawed.attempt, topology=topology, fitted=tuple(fitted)), again, looked=True)
+
+
 def mend(
-    scan: Scan, base: Attempt, traced: Traced, run: Run, seconds: float, say: Callable[[str], None]
+    scan: Scan, flawed: Flawed, run: Run, seconds: float, say: Callable[[str], None]
 ) -> tuple[Mended | None, str]:
     """The solid with the faces to blame replaced, or why that does not pass the gate either."""
-    mending, looked, reason = Mending(base, traced), False, "no time was left"
+    mending, reason = Mending(flawed.attempt, flawed.traced), "no time was left"
+    verdict: Verdict | Failure | None = flawed.verdict
     end = time.perf_counter() + seconds
     for _ in range(_MOST_ROUNDS):
         attempt, left = mending.attempt(), end - time.perf_counter()
         if left <= 1:
             break
-        verdict = run(judge, attempt, left)
+        if verdict is None:
+            verdict = run(judge, attempt, left)
         if isinstance(verdict, Failure):
             return None, verdict.sentence
         reason = verdict.reason
         say(f"{len(attempt.freeform)} freeform, {len(attempt.facets)} faceted: {reason or 'closed'} {verdict.blamed}")
         if verdict.result is not None and not reason:
             return Mended(verdict.result, attempt), ""
-        again = None if looked else remedied(scan, traced, base.fitted, verdict.blamed)
-        looked = True
+        again = None if flawed.looked else looked_again(scan, flawed, verdict.blamed)
+        flawed = again or replace(flawed, looked=True)
         if again is not None:
-            mending = mending.retraced(scan, again)
-            continue
-        if not mending.replace_all(mending.misfits() or verdict.blamed):
+            mending = Mending(again.attempt, again.traced)
+        elif not mending.replace_all(mending.misfits() or verdict.blamed):
             break
+        verdict = None
     return None, reason

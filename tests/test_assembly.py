@@ -10,9 +10,11 @@ import pytest
 
 import sed2cad
 from sed2cad import assembly, rungs
-from sed2cad.brep.jobs import assemble, assemble_faceted
+from sed2cad.brep.attempt import Verdict
+from sed2cad.brep.jobs import assemble_faceted, judge
 from sed2cad.brep.worker import Failure
 from sed2cad.errors import AssemblyError
+from sed2cad.mending import Flawed
 from sed2cad.scan.raw import RawScan
 from tests.parts import DATA
 from tests.segmentation.shapes import box
@@ -115,12 +117,31 @@ def test_a_solid_with_a_face_that_cannot_be_drawn_is_better_than_facets(monkeypa
     hidden = iter([2, 1, 3, 3, 3])
 
     def run(job: Job, payload: Any, timeout: float) -> Any:
-        if job is not assemble:
+        if job is not judge:
             return Failure("crash", "the CAD kernel crashed")
-        made = job(payload)
-        return replace(made, gate=replace(made.gate, passed=False, reason="it cannot be drawn", undrawn=next(hidden)))
+        made = job(payload).result
+        gate = replace(made.gate, passed=False, reason="it cannot be drawn", undrawn=next(hidden))
+        return Verdict(replace(made, gate=gate), gate.reason, ())
 
     monkeypatch.setattr(assembly, "run_isolated", run)
     report = sed2cad.reconstruct(box_scan()).report
     assert report.rung == rungs.UNREGULARISED and report.exact_faces == 6
     assert any("did not pass all checks: it cannot be drawn" in warning for warning in report.warnings)
+
+
+def test_the_first_attempt_that_fails_gets_a_second_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the regions to blame; what comes of it is tried before any other rung."""
+    looked: list[tuple[int, ...]] = []
+
+    def run(job: Job, payload: Any, timeout: float) -> Any:
+        return job(payload) if looked else Verdict(None, "a face is open", (3,))
+
+    def again(scan: Any, flawed: Flawed, blamed: tuple[int, ...]) -> Flawed:
+        looked.append(blamed)
+        return replace(flawed, looked=True)
+
+    monkeypatch.setattr(assembly, "run_isolated", run)
+    monkeypatch.setattr(assembly, "looked_again", again)
+    report = sed2cad.reconstruct(box_scan()).report
+    assert report.rung == "exact, second look" and report.exact_faces == 6
+    assert looked == [(3,)] and "a face is open" in report.reason

@@ -11,7 +11,7 @@ import pytest
 from sed2cad.brep.attempt import Attempt, Options, Verdict
 from sed2cad.brep.kernel import from_bytes, is_closed, is_valid, volume
 from sed2cad.brep.worker import Failure
-from sed2cad.mending import Mended, mend
+from sed2cad.mending import Flawed, Mended, mend
 from sed2cad.primitives.base import FittedPatch, Primitive
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.sphere import Sphere
@@ -41,7 +41,7 @@ def mended(pieces: list[scans.Piece], number: int, wrong: Primitive, run: Run = 
     scan, fitted = scans.scan_of(pieces)
     traced = trace(scan, fitted)
     base = started(scan, traced, with_surface(traced.fitted, number, wrong))
-    return mend(scan, base, traced, run, 60.0, lambda _: None)
+    return mend(scan, Flawed(base, traced), run, 60.0, lambda _: None)
 
 
 def test_a_flat_face_on_a_wrong_surface_gets_a_plane() -> None:
