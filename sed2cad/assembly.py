@@ -37,6 +37,7 @@ VARIANT = "variant"
 _MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
 _OPENING_SECONDS = 10.0
 _LEAST_SECONDS = 12.0  # of an attempt, and of mending, however late
+_APART = 4.0  # spacings: so far from the next point lie some places on the surface of a random scan
 _MANY = 100_000  # points: for so many and more all limits are twice as long, as tracing takes its time
 FACET_COUNTS = (1500, 3000, 6000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
 
@@ -277,7 +278,8 @@ def _fault(outcome: AssemblyResult | Failure) -> str:
 
 
 def _limits(scan: Scan, settings: Settings) -> Limits:
-    """The gate's limits; a tolerance given by the user says which points are explained."""
+    """The gate's limits: a tolerance given by the user says which points are explained; points may be far apart."""
     limits = Limits()
     distance = settings.tolerance / scan.frame.scale if settings.tolerance else limits.distance
-    return replace(limits, distance=max(distance, 3 * scan.noise))
+    stray = max(limits.stray, _APART * scan.spacing)
+    return replace(limits, distance=max(distance, 3 * scan.noise), stray=stray)
