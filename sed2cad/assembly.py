@@ -89,8 +89,12 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
     trials: list[Trial] = []
     tracer = Tracer(scan, fitted, {False: completed.proxy} if completed.proxy else {})
     start = time.perf_counter()
+
+    def late() -> bool:
+        return time.perf_counter() - start > settings.exact_seconds * _patience(scan)
+
     for rung in LADDER if settings.regularize else RAW_LADDER:
-        if tracer.proxies and time.perf_counter() - start > settings.exact_seconds * _patience(scan):
+        if tracer.proxies and late():
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
         try:
@@ -104,7 +108,7 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
                     return _assembly(trial, failures)
                 failures.append(f"{trial.name}: {reason}")
                 trials.append(trial)
-                trial = _looked_again(trial, scan, settings, start) if len(trials) == 1 else None
+                trial = None if late() or len(trials) > 1 else _looked_again(trial, scan, settings, start)
         except AssemblyError as error:
             failures.append(f"{rung.name}: {error}")
             done("assemble", failures[-1])
