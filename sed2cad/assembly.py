@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,26 +89,20 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
     trials: list[Trial] = []
     tracer = Tracer(scan, fitted, {False: completed.proxy} if completed.proxy else {})
     start = time.perf_counter()
-
-    def late() -> bool:
-        return time.perf_counter() - start > settings.exact_seconds * _patience(scan)
-
     for rung in LADDER if settings.regularize else RAW_LADDER:
-        if tracer.proxies and late():
+        if tracer.proxies and _late(scan, settings, start):
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
         try:
             if not rung.walls and not tracer.has_steps(rung):
                 continue
-            trial: Trial | None = _attempt(rung, tracer, completed.measured, settings, start, done)
-            while trial is not None:
+            for trial in _tries(rung, tracer, completed.measured, settings, start, done, not trials):
                 reason = _fault(trial.outcome)
                 done("assemble", f"{trial.name}: {reason or 'closed'}")
                 if not reason:
                     return _assembly(trial, failures)
                 failures.append(f"{trial.name}: {reason}")
                 trials.append(trial)
-                trial = None if late() or len(trials) > 1 else _looked_again(trial, scan, settings, start)
         except AssemblyError as error:
             failures.append(f"{rung.name}: {error}")
             done("assemble", failures[-1])
@@ -147,6 +141,18 @@ class Trial:
         return 0 if isinstance(self.outcome, Failure) else self.outcome.gate.undrawn
 
 
+def _tries(
+    rung: Rung, tracer: Tracer, judges: Array, settings: Settings, start: float, done: Done, twice: bool
+) -> Iterator[Trial]:
+    """What becomes of a rung and, if asked for and in time, of a second look at what is to blame. AssemblyError."""
+    trial = _attempt(rung, tracer, judges, settings, start, done)
+    yield trial
+    if twice and not _late(tracer.scan, settings, start):
+        again = _looked_again(trial, tracer.scan, settings, start)
+        if again is not None:
+            yield again
+
+
 def _attempt(
     rung: Rung, tracer: Tracer, judges: Array, settings: Settings, start: float, done: Done
 ) -> Trial:
@@ -182,6 +188,11 @@ def _looked_again(trial: Trial, scan: Scan, settings: Settings, start: float) ->
         return None
     seconds = min(settings.attempt_seconds, _left(scan, settings, start))
     return _tried(f"{trial.name}, second look", again, trial.constraints, seconds)
+
+
+def _late(scan: Scan, settings: Settings, start: float) -> bool:
+    """Whether an assembly that began at `start` has had its time for exact solids."""
+    return time.perf_counter() - start > settings.exact_seconds * _patience(scan)
 
 
 def _left(scan: Scan, settings: Settings, start: float) -> float:
