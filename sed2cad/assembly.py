@@ -147,7 +147,7 @@ def _tries(
     """What becomes of a rung and, if asked for and in time, of a second look at what is to blame. AssemblyError."""
     trial = _attempt(rung, tracer, judges, settings, start, done)
     yield trial
-    if twice and not _late(tracer.scan, settings, start):
+    if twice and not trial.undrawn and not _late(tracer.scan, settings, start):
         again = _looked_again(trial, tracer.scan, settings, start)
         if again is not None:
             yield again
