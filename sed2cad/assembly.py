@@ -125,8 +125,12 @@ class Trial:
     name: str  # of the rung
     flawed: Flawed  # what was tried, if it was not good enough
     outcome: AssemblyResult | Failure
-    blamed: tuple[int, ...]  # regions whose faces are to blame, as far as that is known
     constraints: tuple[Constraint, ...]
+
+    @property
+    def blamed(self) -> tuple[int, ...]:
+        """Regions whose faces are to blame, as far as that is known."""
+        return self.flawed.verdict.blamed if self.flawed.verdict else ()
 
     @property
     def flaws(self) -> float:
@@ -147,10 +151,12 @@ def _tries(
     """What becomes of a rung and, if asked for and in time, of a second look at what is to blame. AssemblyError."""
     trial = _attempt(rung, tracer, judges, settings, start, done)
     yield trial
-    if twice and not trial.undrawn and not _late(tracer.scan, settings, start):
-        again = _looked_again(trial, tracer.scan, settings, start)
+    scan = tracer.scan
+    if twice and trial.blamed and not trial.undrawn and not _late(scan, settings, start):
+        again = looked_again(scan, trial.flawed, trial.blamed)
         if again is not None:
-            yield again
+            seconds = min(settings.attempt_seconds, _left(scan, settings, start))
+            yield _tried(f"{trial.name}, second look", again, trial.constraints, seconds)
 
 
 def _attempt(
@@ -176,18 +182,9 @@ def _tried(name: str, flawed: Flawed, constraints: tuple[Constraint, ...], secon
     """What the kernel makes of an attempt."""
     verdict = run_isolated(judge, flawed.attempt, seconds)
     if isinstance(verdict, Failure):
-        return Trial(name, flawed, verdict, (), constraints)
+        return Trial(name, flawed, verdict, constraints)
     outcome = verdict.result or Failure("error", verdict.reason)
-    return Trial(name, replace(flawed, verdict=verdict), outcome, verdict.blamed, constraints)
-
-
-def _looked_again(trial: Trial, scan: Scan, settings: Settings, start: float) -> Trial | None:
-    """The same rung after a second look at the regions to blame; None where that changes nothing. AssemblyError."""
-    again = looked_again(scan, trial.flawed, trial.blamed) if trial.blamed else None
-    if again is None:
-        return None
-    seconds = min(settings.attempt_seconds, _left(scan, settings, start))
-    return _tried(f"{trial.name}, second look", again, trial.constraints, seconds)
+    return Trial(name, replace(flawed, verdict=verdict), outcome, constraints)
 
 
 def _late(scan: Scan, settings: Settings, start: float) -> bool:

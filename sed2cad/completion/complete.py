@@ -26,7 +26,7 @@ from sed2cad.primitives.plane import Plane
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.edges import surface_samples
 from sed2cad.topology.proxy import closed_input, proxy_mesh, proxy_quality
-from sed2cad.topology.samples import Samples, on_surfaces, settled_labels
+from sed2cad.topology.samples import Samples, neighbours, on_surfaces, settled_labels
 
 _GOOD = 0.02  # share of the points that a proxy may miss: else it is no proxy, and what it closes no gap
 _WIDER = 1.5  # radii of a gap's ball in which surfaces are extended
@@ -73,7 +73,7 @@ def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
     gaps = find_gaps(scan, mesh) if proxy_quality(mesh, scan) < _GOOD else []
     if not gaps:
         return Completed(scan, list(fitted), proxy=mesh)
-    part = _Part(scan, list(fitted), settled_labels(scan, fitted), surface_samples(scan, fitted))
+    part = _Part(scan, list(fitted), settled_labels(scan, fitted, neighbours(scan)), surface_samples(scan, fitted))
     for gap in sorted(gaps, key=lambda gap: -gap.radius):
         part.close(gap)
     return part.completed() if len(part.found) else Completed(scan, list(fitted), proxy=mesh)

@@ -6,6 +6,7 @@ import numpy as np
 
 from sed2cad.primitives.base import Primitive
 from sed2cad.scan.scan import Array
+from sed2cad.topology.samples import first_of_each
 
 _FIRST = 6  # cells along the box around a ball, before any is divided
 _HALF = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5  # from a cell's centre to those of its eight parts, in their size
@@ -26,8 +27,6 @@ def samples_in_ball(primitive: Primitive, centre: Array, radius: float, spacing:
             size /= 2
             found = (found[:, None, :] + size * _HALF).reshape(-1, 3)
     feet = primitive.project(found)
-    cell = np.floor(feet / spacing).astype(np.int64)
-    _, first = np.unique(cell, axis=0, return_index=True)
-    feet = feet[first]
+    feet = feet[first_of_each(np.floor(feet / spacing).astype(np.int64))]
     on = np.abs(primitive.distance(feet)) < 0.01 * spacing
     return feet[on & (np.linalg.norm(feet - centre, axis=1) < radius)]

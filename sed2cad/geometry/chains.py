@@ -11,7 +11,6 @@ from sed2cad.geometry.curves import Array
 from sed2cad.primitives.vectors import unit
 
 _LONGEST_STEP = 0.02  # unit frame
-_FEW = 12
 _LEAST_CURVATURE = 0.3  # 1 / unit: bounds how far a flat contact can push sideways
 
 
@@ -27,10 +26,8 @@ class Projected:
 def smoothed(points: Array, closed: bool, passes: int = 8) -> Array:
     """Points (n, 3) freed from zigzag but not shrunk (Taubin 1995); the ends of an open chain stay.
 
-    So does a ring of few points, which would shrink.
+    A ring of fewer than about 12 points does shrink.
     """
-    if closed and len(points) < _FEW:
-        return points
     points = points.copy()
     for _ in range(passes):
         for weight in (0.5, -0.53):

@@ -238,6 +238,12 @@ def arc_through(curve: Curve, points: Array, closed: bool) -> Arc:
     return Arc(curve, first, first + max(sweep, least))
 
 
+def winding(angles: Array) -> int:
+    """Turns of a closed polygon of angles (n,) whose last repeats the first."""
+    steps = np.mod(np.diff(angles) + np.pi, TURN) - np.pi
+    return round(float(steps.sum()) / TURN)
+
+
 def _runs_back(curve: Curve, points: Array, sweep: float) -> bool:
     """Whether the points go against the curve's parameter."""
     if curve.angular:
@@ -253,10 +259,8 @@ def _sweep(curve: Curve, points: Array, closed: bool) -> float:
     points that go around the curve's axis say it themselves, however far they stray.
     """
     angles = curve.parameters(points)
-    if closed:
-        turns = float((np.mod(np.diff(angles, append=angles[:1]) + np.pi, TURN) - np.pi).sum()) / TURN
-        if abs(turns) > 0.5:
-            return float(np.sign(turns)) * TURN
+    if closed and (turns := winding(np.append(angles, angles[:1]))):
+        return float(np.sign(turns)) * TURN
     first, last = angles[[0, -1]]
     apart = np.mod(last - first + np.pi, TURN) - np.pi
     choices = np.array([-TURN, TURN]) if closed else apart + TURN * np.array([0.0, -1.0, 1.0])

@@ -24,6 +24,7 @@ _SMOOTH = 1e-5  # interpolated curves get more points until they are this near t
 _MET = 1e-7  # unit frame: an edge ends at its corner
 _DENSE = 65  # points that tell the length of an arc
 _DETOUR = 1.1  # times the length of its chain: a longer arc is not its curve
+_FEWEST, _MOST = 12, 72  # points of a chain
 _BENT = 17  # points of an exact curve that is bent
 
 
@@ -37,9 +38,10 @@ class EdgeGeometry:
 
 def edge_geometry(chain: Chain, a: Side, b: Side, how: Meeting, corners: Array) -> EdgeGeometry:
     """The curve of a chain between its solved corners (c, 3)."""
-    traced = smoothed(chain.points, chain.closed)
+    ring = chain.closed and len(chain.points) < _FEWEST  # smoothed as it is it would shrink
+    traced = smoothed(resampled(chain.points, _FEWEST, True) if ring else chain.points, chain.closed)
     points = traced if chain.closed else between(traced, corners[chain.start], corners[chain.end])
-    count = int(np.clip(len(points), 12, 72))
+    count = int(np.clip(len(points), _FEWEST, _MOST))
     points, traced = resampled(points, count, chain.closed), resampled(traced, count, chain.closed)
     curve = _closed_form(a, b, points, how, chain.closed)
     if curve is not None:  # which way around it goes say the points that are not moved with the corners

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from sed2cad.errors import AssemblyError
-from sed2cad.geometry.curves import TURN, Array, Curve
+from sed2cad.geometry.curves import TURN, Array, Curve, winding
 from sed2cad.geometry.layout import Draft, Layout, Placement, Pole
 from sed2cad.geometry.loose import Loose
 from sed2cad.geometry.turning import Turning, share_of, wrapped
@@ -76,20 +76,20 @@ def _turned(draft: Draft, region: int, turning: Turning) -> Placement:
     """Choose the seam of a face on a surface that closes on itself and bring its edges to it."""
     loops = draft.loops[region]
     samples = [draft.loop_samples(loop) for loop in loops]
-    turns = [_winding(turning.angles(s)) for s in samples]
-    winding = [k for k, turn in enumerate(turns) if turn]
-    others = [s for k, s in enumerate(samples) if k not in winding]
-    if winding:
-        angle = _seam_through(draft, [loops[k] for k in winding], others, turning)
+    turns = [winding(turning.angles(s)) for s in samples]
+    rings = [k for k, turn in enumerate(turns) if turn]
+    others = [s for k, s in enumerate(samples) if k not in rings]
+    if rings:
+        angle = _seam_through(draft, [loops[k] for k in rings], others, turning)
     else:
         angle = _gap([turning.angles(s) for s in [*others, draft.topology.regions[region].points]])
     seamed = turning.turned(angle)
-    for k in winding:
+    for k in rings:
         _bring_to_zero(draft, region, k, seamed.angles)
     around_tube = _tube(draft.primitive(region))
     if around_tube is not None:
         for k, s in enumerate(samples):
-            if _winding(around_tube(s)):
+            if winding(around_tube(s)):
                 _bring_to_zero(draft, region, k, around_tube)
     return seamed.placement(_origin(draft, region, seamed), _pole(draft, region, seamed, turns))
 
@@ -130,12 +130,6 @@ def _origin(draft: Draft, region: int, turning: Turning) -> Array:
     return turning.origin + 0.5 * float(heights.min() + heights.max()) * turning.z
 
 
-def _winding(angles: Array) -> int:
-    """Turns of a closed polygon of angles (n,) whose last repeats the first."""
-    steps = np.mod(np.diff(angles) + np.pi, TURN) - np.pi
-    return round(float(steps.sum()) / TURN)
-
-
 def _tube(primitive: Primitive) -> Callable[[Array], Array] | None:
     """Angles (n,) of points (n, 3) around the tube of a ring: from its outer equator, or where its profile begins."""
     if isinstance(primitive, Torus):
@@ -155,7 +149,7 @@ def _tube(primitive: Primitive) -> Callable[[Array], Array] | None:
 def _tube_winds(draft: Draft, region: int) -> bool:
     around_tube = _tube(draft.primitive(region))
     return around_tube is not None and any(
-        _winding(around_tube(draft.loop_samples(loop))) for loop in draft.loops[region]
+        winding(around_tube(draft.loop_samples(loop))) for loop in draft.loops[region]
     )
 
 

@@ -59,15 +59,17 @@ def data_cost(
     return np.minimum(0.5 * (square + turn), tolerances.cap)
 
 
-def reach(labels: Labels, cost: Array, adjacency: csr_matrix, cap: float, hops: int = 8) -> NDArray[np.bool_]:
+def reach(
+    labels: Labels, cost: Array, adjacency: csr_matrix, beside: csr_matrix, cap: float, hops: int = 8
+) -> NDArray[np.bool_]:
     """Which points (n, k) a primitive may claim: those it explains, within `hops` of its patch through such points,
-    and one ring of any points around the patch."""
+    and one ring of any points beside the patch. adjacency, beside (n, n): not zero where two points are neighbours."""
     inlier = cost < cap
     held = np.zeros(cost.shape, dtype=np.float32)
     named = np.flatnonzero(labels >= 0)
     held[named, labels[named]] = 1.0
     links = (adjacency > 0).astype(np.float32)
-    ring = (links @ held > 0) | (held > 0)
+    ring = ((beside > 0).astype(np.float32) @ held > 0) | (held > 0)
     for _ in range(hops):
         wider = ((links @ held > 0) & inlier) | (held > 0)
         if wider.sum() == (held > 0).sum():

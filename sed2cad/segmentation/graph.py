@@ -32,13 +32,16 @@ class Graph:
     def size(self) -> int:
         return len(self.place)
 
-    def adjacency(self) -> csr_matrix:
-        """Symmetric (n, n) matrix of the weights."""
-        i, j = self.pairs.T
-        both = coo_matrix(
-            (np.r_[self.weights, self.weights], (np.r_[i, j], np.r_[j, i])), shape=(self.size, self.size)
-        )
+    def adjacency(self, kept: NDArray[np.bool_] | None = None) -> csr_matrix:
+        """Symmetric (n, n) matrix of the weights; of the pairs that `kept` (m,) says, or all."""
+        chosen = slice(None) if kept is None else kept
+        (i, j), weights = self.pairs[chosen].T, self.weights[chosen]
+        both = coo_matrix((np.r_[weights, weights], (np.r_[i, j], np.r_[j, i])), shape=(self.size, self.size))
         return both.tocsr()
+
+    def lengths(self, points: Array) -> Array:
+        """How far apart (m,) the points of each pair are, of points (n, 3)."""
+        return np.asarray(np.linalg.norm(points[self.pairs[:, 0]] - points[self.pairs[:, 1]], axis=1))
 
     def components(self, joined: NDArray[np.bool_]) -> Labels:
         """Connected components (n,) over the pairs that `joined` (m,) keeps."""

@@ -26,6 +26,9 @@ Labels = NDArray[np.int64]
 Key = tuple[int, int, int]
 
 FEWEST = 4  # points that make a patch
+FEW = 30  # points of a face so small that its neighbours do not look smooth
+SMOOTH = 0.2  # weight of the pairs in a smooth piece, at least
+RING = 4.0  # spacings that points which nothing explains may be away from the patch that they join
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class Refiner:
         self.freeform = np.zeros(len(points)) if freeform is None else freeform
         self.points, self.normals, self.graph, self.tolerances = points, normals, graph, tolerances
         self.adjacency: csr_matrix = graph.adjacency()
+        self.beside: csr_matrix = graph.adjacency(graph.lengths(points) < RING * graph.spacing)
         self.chosen: dict[Key, Choice | None] = {}  # what sets of points have chosen before
         self.apart: set[tuple[Key, Key]] = set()  # pairs of patches that did not want to be one
         self.near = cKDTree(points).query_pairs(2.5 * graph.spacing, output_type="ndarray")
@@ -100,7 +104,7 @@ class Refiner:
         cost = self._cost(state)
         price = 1.5 if final else 0.6  # of leaving a point unexplained; at first cheap, so that gaps show
         unexplained = np.full((self.graph.size, 1), price * self.tolerances.cap)
-        allowed = reach(state.labels, cost, self.adjacency, self.tolerances.cap)
+        allowed = reach(state.labels, cost, self.adjacency, self.beside, self.tolerances.cap)
         explained = cost < 0.5 * self.tolerances.cap
         allowed |= along_strips(self.points, self.graph.spacing, state.labels, explained)
         full = np.hstack([np.where(allowed, cost, np.inf), unexplained])
@@ -155,18 +159,22 @@ class Refiner:
         return replace(state, primitives=tuple(fitted))
 
     def propose_unexplained(self, state: State) -> State:
-        """New patches among the points that no primitive explains, best first, while they pay for themselves."""
+        """New patches among the points that no primitive explains, best first, while they pay for themselves.
+
+        First in smooth pieces; then in small sets that hang together at all: there are creases between the few points
+        of a narrow bore.
+        """
         i, j = self.graph.pairs.T
-        free = state.labels == UNEXPLAINED
         labels, primitives = state.labels.copy(), list(state.primitives)
-        pieces = self.graph.components(free[i] & free[j] & (self.graph.weights > 0.2))
-        large = np.flatnonzero(np.bincount(pieces[free], minlength=len(free)) >= FEWEST)
-        sets = [np.flatnonzero((pieces == piece) & free) for piece in large]
-        self._choose_ahead(sample for members in sets for sample in self._samples(members))
-        for members in sets:
-            for found, held in self._explain(members):
-                labels[held] = len(primitives)
-                primitives.append(found)
+        for least, most in ((SMOOTH, len(labels)), (0.0, FEW)):
+            free = labels == UNEXPLAINED
+            pieces = self.graph.components(free[i] & free[j] & (self.graph.weights > least))
+            sets = [own for own in groups(np.where(free, pieces, UNEXPLAINED)) if FEWEST <= len(own) <= most]
+            self._choose_ahead(sample for members in sets for sample in self._samples(members))
+            for members in sets:
+                for found, held in self._explain(members):
+                    labels[held] = len(primitives)
+                    primitives.append(found)
         return State(labels, tuple(primitives))
 
     def _explain(self, members: NDArray[np.int64]) -> list[tuple[Choice, NDArray[np.int64]]]:

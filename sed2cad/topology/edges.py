@@ -17,7 +17,7 @@ from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.neighbours import search_tree
 from sed2cad.scan.scan import Array, Scan
 from sed2cad.topology.meet import meeting
-from sed2cad.topology.samples import Labels, Mask, Samples, face_samples, first_of_each, settled_labels, thinned
+from sed2cad.topology.samples import Labels, Mask, Samples, face_samples, first_of_each, thinned
 
 _NEIGHBOURS = 12
 _REACH = 4.0  # spacings: longer pairs of points are not neighbours
@@ -45,7 +45,7 @@ class Meetings:
 
 def surface_samples(scan: Scan, fitted: Sequence[FittedPatch]) -> Samples:
     """Face samples and edge samples of the scan; face samples close to an edge give way to it."""
-    faces = face_samples(scan, fitted, settled_labels(scan, fitted))
+    faces = face_samples(scan, fitted)
     edges = edge_samples(faces, fitted, scan.spacing)
     if len(edges) == 0:
         return faces

@@ -72,14 +72,18 @@ def on_surfaces(points: Array, labels: Labels, fitted: Sequence[FittedPatch]) ->
     return feet, normals
 
 
-def settled_labels(scan: Scan, fitted: Sequence[FittedPatch]) -> Labels:
-    """Labels (n,) of the points, each the best of its own and its neighbours': distance, normal and votes.
+def neighbours(scan: Scan) -> Labels:
+    """Indices (n, k) of each point, which comes first, and of those nearest to it."""
+    return np.asarray(search_tree(scan.points).query(scan.points, _NEIGHBOURS + 1, workers=-1)[1])
+
+
+def settled_labels(scan: Scan, fitted: Sequence[FittedPatch], near: Labels) -> Labels:
+    """Labels (n,) of the points, each the best of its own and its neighbours' (n, k): distance, normal and votes.
 
     A point that none of these surfaces explains is UNLABELLED.
     """
     labels = point_labels(len(scan.points), fitted)
-    near = search_tree(scan.points).query(scan.points, _NEIGHBOURS + 1, workers=-1)[1]
-    around = labels[near]  # the point itself comes first
+    around = labels[near]
     best, price = np.full(len(labels), UNLABELLED, dtype=np.int64), np.full(len(labels), 6.0)
     unit = 2 * scan.noise + 0.15 * scan.spacing
     for label, patch in enumerate(fitted):
@@ -93,9 +97,10 @@ def settled_labels(scan: Scan, fitted: Sequence[FittedPatch]) -> Labels:
     return best
 
 
-def face_samples(scan: Scan, fitted: Sequence[FittedPatch], labels: Labels) -> Samples:
+def face_samples(scan: Scan, fitted: Sequence[FittedPatch]) -> Samples:
     """The points on the primitives of their labels; unlabelled ones as they are, if they are not alone."""
-    near = search_tree(scan.points).query(scan.points, _NEIGHBOURS + 1, workers=-1)[1]
+    near = neighbours(scan)
+    labels = settled_labels(scan, fitted, near)
     explained = (labels[near[:, 1:]] >= 0).mean(axis=1)
     use = (labels >= 0) | (explained < 0.7)
     feet, normals = on_surfaces(scan.points, labels, fitted)

@@ -20,7 +20,7 @@ from sed2cad.topology.mincut import Labels
 from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import proxy_mesh
 from sed2cad.topology.regions import cleaned_labels, connected, support_of, unpinch
-from sed2cad.topology.samples import settled_labels
+from sed2cad.topology.samples import neighbours, settled_labels
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def trace(
     if not any(len(patch.patch.indices) for patch in fitted):
         raise AssemblyError("No surface was found on the scan.")
     mesh = proxy or proxy_mesh(scan, fitted)
-    points = settled_labels(scan, fitted)
+    points = settled_labels(scan, fitted, neighbours(scan))
     near = adjacency(mesh)
     costs = data_costs(mesh, scan, fitted, points)
     labels = label_triangles(mesh, near, costs, smoothness)
@@ -58,7 +58,8 @@ def trace(
 
 def retraced(scan: Scan, mesh: Mesh, fitted: Sequence[FittedPatch], labels: Labels) -> Traced:
     """The topology of changed labels (f,) of a proxy's triangles."""
-    costs = np.column_stack([np.abs(patch.primitive.distance(mesh.centroids())) for patch in fitted])
+    centres = mesh.centroids()
+    costs = np.column_stack([np.abs(patch.primitive.distance(centres)) for patch in fitted]) / scan.spacing
     return _with_caps(scan, list(fitted), mesh, adjacency(mesh), costs, unpinch(mesh, costs, labels))
 
 

@@ -30,7 +30,7 @@ _NEAR = 3.0  # spacings between the border and a point of such a patch
 _LOOSE = 0.8  # spacings: rms of the border from the wall that stands on it
 _LONG = 2.0  # heights: a shorter border with no such patch is a flaw of the mesh, where a corner is
 _LEAST_LENGTH = 4.0  # spacings, for the same reason
-_TOO_HIGH = 0.02  # unit frame: a step that no edge can bridge within the gate's tolerance is none of these
+_TOO_HIGH = 0.02  # unit frame, twice the gate's tolerance: a step that no edge can bridge is none of these
 _ROWS = 5  # of points on a wall
 
 

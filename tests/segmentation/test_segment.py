@@ -172,6 +172,35 @@ def test_patches_become_freeform_only_where_that_pays_for_its_numbers() -> None:
     assert len(refiner.merge(State(labels, halves)).primitives) == 2
 
 
+def bore(count: int, centre: tuple[float, float]) -> tuple[Array, Array]:
+    """Points in the wall of a narrow bore and their normals, well apart."""
+    turn, height = np.linspace(0, 4 * np.pi, count, endpoint=False), np.linspace(-0.01, 0.01, count)
+    out = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(count)])
+    return np.array([*centre, 0.0]) + 0.007 * out + height[:, None] * np.array([0.0, 0, 1]), -out
+
+
+def test_the_few_points_of_a_narrow_bore_are_found_across_their_creases() -> None:
+    points, normals = bore(8, (0.0, 0.0))
+    graph = neighbour_graph(points, normals, 0.004, 3e-4, k=5)
+    refiner = Refiner(points, normals, graph, Tolerances(3e-4))
+    found = refiner.propose_unexplained(State(np.full(8, -1), ()))
+    assert [choice.primitive.kind for choice in found.primitives] == ["cylinder"]
+    assert abs(found.primitives[0].primitive.radius - 0.007) < 1e-6  # type: ignore[attr-defined]
+    assert (found.labels == 0).all()
+
+
+def test_points_that_nothing_explains_do_not_join_a_patch_far_away() -> None:
+    """Two bores are each other's neighbours where there is nothing else; one of them is known."""
+    (first, inward), (second, other) = bore(20, (0.0, 0.0)), bore(6, (0.03, 0.0))
+    points, normals = np.vstack([first, second]), np.vstack([inward, other])
+    graph = neighbour_graph(points, normals, 0.004, 3e-4, k=18)
+    refiner = Refiner(points, normals, graph, Tolerances(3e-4))
+    known = choose(Case.of(first, inward, Tolerances(3e-4)))
+    assert known is not None
+    labels = refiner.relabel(State(np.repeat([0, -1], [20, 6]), (known,)), final=True).labels
+    assert (labels[:20] == 0).all() and (labels[20:] == -1).all()
+
+
 def test_graph_does_not_cross_a_thin_wall() -> None:
     points, normals, _ = box((0.7, 0.7, 0.005), 2000)
     graph = neighbour_graph(points, normals, spacing=0.01, tolerance=3e-4)
