@@ -16,7 +16,7 @@ from sed2cad.brep.attempt import AssemblyResult, Attempt, FacetedAttempt, Limits
 from sed2cad.brep.jobs import assemble as exact_solid
 from sed2cad.brep.jobs import assemble_faceted as faceted_solid
 from sed2cad.brep.jobs import judge, opened
-from sed2cad.brep.worker import Failure, run_isolated
+from sed2cad.brep.worker import Failure, run_isolated, warm_up
 from sed2cad.completion.complete import Completed
 from sed2cad.errors import AssemblyError
 from sed2cad.mending import Flawed, looked_again, mend
@@ -103,6 +103,7 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
                     return _assembly(trial, failures)
                 failures.append(f"{trial.name}: {reason}")
                 trials.append(trial)
+                warm_up(2)
         except AssemblyError as error:
             failures.append(f"{rung.name}: {error}")
             done("assemble", failures[-1])
@@ -210,6 +211,7 @@ def _mended(
     hopeful = sorted((t for t in trials if t.flaws < math.inf), key=lambda t: t.flaws)[:_MENDED]
     end = time.perf_counter() + seconds
     for trial in hopeful:
+        warm_up(2)
 
         def say(message: str) -> None:
             done("assemble", f"{MENDED}: {message}")

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sed2cad.brep.worker import run_each
 from sed2cad.network.predict_net import predicted_starts
 from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
@@ -129,23 +130,41 @@ def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
     Where the patch's kind cannot be fitted, another one is chosen; at worst a plane. A freeform patch that a profile
     sweeps becomes an extrusion or a surface of revolution.
     """
-    fitted = [_fit_patch(scan, patch, math.inf) for patch in patches]
+    fitted = run_each(_fit_patch, [_Case.of(scan, patch) for patch in patches])
     angle = angle_noise(scan, fitted)
     if math.isinf(angle) and scan.noise > FINEST:
-        return [_simplified(scan, f) for f in fitted]
-    return [_fit_patch(scan, f.patch, angle) if _asks_normals(scan, f.patch, angle) else f for f in fitted]
+        return [_simplified(f, _Case.of(scan, f.patch)) for f in fitted]
+    asking = [k for k, f in enumerate(fitted) if _asks_normals(scan, f.patch, angle)]
+    for k, again in zip(asking, run_each(_fit_patch, [_Case.of(scan, fitted[k].patch, angle) for k in asking])):
+        fitted[k] = again
+    return fitted
 
 
-def _simplified(scan: Scan, fitted: FittedPatch) -> FittedPatch:
+@dataclass(frozen=True)
+class _Case:
+    """A patch and what its fit looks at."""
+
+    patch: Patch
+    points: Array  # (n, 3)
+    normals: Array  # (n, 3)
+    noise: float
+    angle: float  # deviation of the normals, radians; infinite where it is not known
+
+    @classmethod
+    def of(cls, scan: Scan, patch: Patch, angle: float = math.inf) -> _Case:
+        used = used_points(patch)
+        return cls(patch, scan.points[used], scan.normals[used], scan.noise, angle)
+
+
+def _simplified(fitted: FittedPatch, case: _Case) -> FittedPatch:
     """The patch on the simplest surface that its points do not tell from its own (Schwarz 1978).
 
     Normals estimated from noisy points bend towards the borders of a patch, so that narrow planes look round.
     """
-    kinds = _SIMPLER.get(fitted.primitive.kind, ())
-    points, normals = (values[used_points(fitted.patch)] for values in (scan.points, scan.normals))
-    noise = max(scan.noise, FINEST)
-    for kind in kinds:
-        found = fit(kind, points, normals, scan.noise)
+    points, normals = case.points, case.normals
+    noise = max(case.noise, FINEST)
+    for kind in _SIMPLER.get(fitted.primitive.kind, ()):
+        found = fit(kind, points, normals, case.noise)
         if found is None:
             continue
         saved = _chi_square(found[0], points, noise) - _chi_square(fitted.primitive, points, noise)
@@ -180,22 +199,22 @@ def used_points(patch: Patch) -> NDArray[np.int64]:
     return patch.indices[patch.interior] if kind != "bspline" and patch.interior.sum() >= enough else patch.indices
 
 
-def _fit_patch(scan: Scan, patch: Patch, angle: float) -> FittedPatch:
-    points, normals = scan.points[used_points(patch)], scan.normals[used_points(patch)]
-    found = fit(patch.kind, points, normals, scan.noise, angle) if patch.kind in KINDS else None
+def _fit_patch(case: _Case) -> FittedPatch:
+    patch, points, normals, noise = case.patch, case.points, case.normals, case.noise
+    found = fit(patch.kind, points, normals, noise, case.angle) if patch.kind in KINDS else None
     if found is None:
-        chosen = select(points, normals, scan.noise) if len(points) >= 3 else None
+        chosen = select(points, normals, noise) if len(points) >= 3 else None
         found = (chosen.primitive, chosen.rms, chosen.covariance) if chosen else _any_plane(points, normals)
         if chosen and chosen.primitive.kind == "bspline":  # the choice was a quick one
-            found = fit("bspline", points, normals, scan.noise) or found
+            found = fit("bspline", points, normals, noise) or found
     primitive, rms, covariance = found
     for simpler in (swept_instead_of, analytic_instead_of) if primitive.freeform else ():
-        instead = simpler(primitive, points, normals, scan.noise)
+        instead = simpler(primitive, points, normals, noise)
         if instead is not None:
             primitive, covariance = instead
             rms = root_mean_square(primitive.distance(points))
     fitted = FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
-    return _simplified(scan, fitted) if is_degenerate(primitive, points, FINEST) else fitted
+    return _simplified(fitted, case) if is_degenerate(primitive, points, FINEST) else fitted
 
 
 def swept_instead_of(

@@ -94,10 +94,14 @@ def run_alone(job: Callable[[P], R], payload: P, timeout: float) -> R | Failure:
         worker.stop()
 
 
-def warm_up() -> None:
-    """Start a worker now, so that it has imported the kernel by the time it is needed. Returns at once."""
-    if not _idle:
-        _give_back(_Worker())
+def warm_up(workers: int = 1) -> None:
+    """Start so many workers now, so that they have imported the kernel by the time they are needed. Returns at once.
+
+    Where the kernel hangs a second one saves the seconds until another has started.
+    """
+    for _ in range(workers - len(_idle)):
+        with _lock:
+            _idle.insert(0, _Worker())  # the last ones, which are ready, are taken first
 
 
 class _Worker:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +23,33 @@ from sed2cad.topology.labelling import Adjacency
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.model import Chain, Region, Topology
 
-_STEEP = 0.6  # cosine to the axis above which a triangle can be part of a cap
+_STEEP = 0.6  # cosine to the axis above which a triangle can be part of a cap,
+_FACING = 0.95  # and a point: those of a drill's tip are not
 _LEAST_TRIANGLES = 3
 _END = 0.15  # of the length of a face about an axis: what lies there is at its end
+_PARALLEL = 0.9998  # cosine between the normals of caps that may be at one level, at least
+_END_GAP = 3.0  # mean distances of points along a wall: chance leaves more at its end in 5 % of cases
+_ON = 0.15  # spacings: a point so near to a surface lies on it
 _NEAR_APEX = 0.02  # unit frame: a cone's region may end at its apex
 
 
 Round = Cylinder | Cone | Torus | Revolution | BSplineSurface
 """Surfaces about an axis (a B-spline whose base is a cylinder)."""
+
+
+@dataclass(frozen=True)
+class Cap:
+    """A plane across the axis at the end of a face."""
+
+    patch: FittedPatch
+    triangles: Labels
+    beyond: int  # which way (1 | -1) along the plane's normal it might lie farther: nobody saw it,
+    gap: float  # and by how much: what chance leaves between the last point of the wall and its end
+
+    @property
+    def plane(self) -> Plane:
+        assert isinstance(self.patch.primitive, Plane)
+        return self.patch.primitive
 
 
 def turns(primitive: Round, region: Region, chains: Sequence[Chain]) -> float:
@@ -49,8 +69,8 @@ def turns(primitive: Round, region: Region, chains: Sequence[Chain]) -> float:
 
 def missing_cap(
     scan: Scan, mesh: Mesh, near: Adjacency, region: Labels, topology: Topology, fitted: Sequence[FittedPatch]
-) -> tuple[FittedPatch, Labels] | None:
-    """The first missing cap, as a plane across the axis, and its triangles; None when nothing is missing."""
+) -> Cap | None:
+    """The first missing cap; None when nothing is missing."""
     for index, face in enumerate(topology.regions):
         primitive = fitted[face.primitive].primitive
         if not isinstance(primitive, Cylinder | Cone) or not face.loops:
@@ -58,12 +78,32 @@ def missing_cap(
         if abs(turns(primitive, face, topology.chains)) < 0.5:
             continue
         height = _loop_height(primitive, face, topology)
-        found = _cap(fitted[face.primitive], primitive, mesh, np.flatnonzero(region == index), height)
+        own = np.flatnonzero(region == index)
+        wall = _heights(primitive, _points_on(primitive, scan, mesh, own))
+        found = _cap(fitted[face.primitive], primitive, mesh, own, height, wall)
         if found is not None:
-            plane, triangles = found
+            plane, triangles, beyond = found
             triangles = _in_one(near, region == index, triangles)
-            return _as_patch(plane, triangles, scan, mesh), triangles
+            patch = _as_patch(plane, triangles, scan, mesh)
+            unseen = len(wall) > 0 and len(patch.patch.indices) == 0
+            return Cap(patch, triangles, beyond, _END_GAP * float(np.ptp(wall)) / len(wall) if unseen else 0.0)
     return None
+
+
+def levelled(caps: Sequence[Cap], mesh: Mesh) -> list[FittedPatch]:
+    """The patches of caps, those at one level as far as their walls can tell all at that of the deepest."""
+    if not caps:
+        return []
+    centres = np.array([mesh.centroids()[cap.triangles].mean(axis=0) for cap in caps])
+    normals, beyond = np.array([cap.plane.normal_vector for cap in caps]), np.array([cap.beyond for cap in caps])
+    depths = -beyond * np.column_stack([cap.plane.distance(centres) for cap in caps])  # (k, k) at each, of each
+    deeper = depths - np.diag(depths)[:, None]
+    gaps = np.array([cap.gap for cap in caps])[:, None]
+    alike = (normals @ normals.T > _PARALLEL) & (beyond[:, None] == beyond)
+    group = components(len(caps), np.argwhere(alike & (deeper >= 0) & (deeper <= gaps)))[1]
+    moves = beyond * np.where(group[:, None] == group, deeper, 0.0).max(axis=1)
+    planes = [Plane(cap.plane.normal_vector, cap.plane.offset + float(by)) for cap, by in zip(caps, moves)]
+    return [replace(cap.patch, primitive=plane) for cap, plane in zip(caps, planes)]
 
 
 def _origin(primitive: Round) -> Array:
@@ -86,10 +126,26 @@ def _loop_height(primitive: Cylinder | Cone, face: Region, topology: Topology) -
     return float(_heights(primitive, points).mean())
 
 
+def _points_on(primitive: Cylinder | Cone, scan: Scan, mesh: Mesh, triangles: Labels) -> Array:
+    """Points (n, 3) of the scan on the surface, nearest to some triangles."""
+    points = scan.points[_nearest_to(triangles, scan, mesh)]
+    return points[np.abs(primitive.distance(points)) < 2 * scan.noise + _ON * scan.spacing]
+
+
+def _nearest_to(triangles: Labels, scan: Scan, mesh: Mesh) -> Labels:
+    """Points of the scan that are nearest to some triangles (by their centres)."""
+    _, nearest = cKDTree(mesh.centroids()).query(scan.points, workers=-1)
+    return np.flatnonzero(np.isin(nearest, triangles)).astype(np.int64)
+
+
 def _cap(
-    patch: FittedPatch, primitive: Cylinder | Cone, mesh: Mesh, triangles: Labels, loop_height: float
-) -> tuple[Plane, Labels] | None:
-    """The plane at the end of the region that has no loop, and which of its triangles are on it."""
+    patch: FittedPatch, primitive: Cylinder | Cone, mesh: Mesh, triangles: Labels, loop_height: float, wall: Array
+) -> tuple[Plane, Labels, int] | None:
+    """The plane at the end of the region that has no loop, which of its triangles are on it, and which way (1 | -1)
+    along its normal leads out of the region.
+
+    It lies beyond all points of the wall, whose heights (n,) are given: the mesh rounds floors that nobody saw.
+    """
     heights = _heights(primitive, mesh.centroids()[triangles])
     span = float(np.ptp(heights))
     upper = heights.max() - loop_height > loop_height - heights.min()
@@ -108,10 +164,12 @@ def _cap(
     if on_cap.sum() < _LEAST_TRIANGLES or on_cap.all():
         return None
     height = float(np.median(heights[on_cap]))
+    height = float(wall.max(initial=height) if upper else wall.min(initial=height))
     normal = facing * primitive.axis
     if not _around(primitive, mesh, triangles[on_cap]):
         on_cap = reach <= reach[on_cap].max()
-    return Plane(normal, float(normal @ (_origin(primitive) + height * primitive.axis))), triangles[on_cap]
+    plane = Plane(normal, float(normal @ (_origin(primitive) + height * primitive.axis)))
+    return plane, triangles[on_cap], int(facing) if upper else -int(facing)
 
 
 def _around(primitive: Cylinder | Cone, mesh: Mesh, triangles: Labels) -> bool:
@@ -137,9 +195,10 @@ def _largest(near: Adjacency, triangles: Labels, count: int) -> Labels:
 
 
 def _as_patch(plane: Plane, triangles: Labels, scan: Scan, mesh: Mesh) -> FittedPatch:
-    """The plane with the points that are nearest to the triangles."""
-    _, nearest = cKDTree(mesh.centroids()).query(scan.points)
-    indices = np.flatnonzero(np.isin(nearest, triangles)).astype(np.int64)
+    """The plane with those points nearest to the triangles that lie on it."""
+    indices = _nearest_to(triangles, scan, mesh)
+    on = np.abs(plane.distance(scan.points[indices])) < 2 * scan.noise + _ON * scan.spacing
+    indices = indices[on & (scan.normals[indices] @ plane.normal_vector > _FACING)]
     interior = np.ones(len(indices), dtype=bool)
     distance = plane.distance(scan.points[indices])
     rms = root_mean_square(distance) if len(indices) else scan.spacing

@@ -40,10 +40,10 @@ def remedied(scan: Scan, traced: Traced, fitted: Sequence[FittedPatch], blamed: 
         best = _better(mesh, near, traced, labels, patches, region)
         if best >= 0:
             labels[traced.labels == region] = best
-    labels = _unexplained(scan, mesh, near, labels, patches)
+    labels = _unexplained(scan, mesh, near, labels, patches, traced.caps)
     if np.array_equal(labels, before):
         return None
-    return retraced(scan, traced.proxy, patches, labels)
+    return retraced(scan, traced.proxy, patches, labels, traced.caps)
 
 
 def _better(
@@ -67,17 +67,21 @@ def _better(
 
 
 def _unexplained(
-    scan: Scan, mesh: Mesh, near: Adjacency, labels: Labels, patches: list[FittedPatch]
+    scan: Scan, mesh: Mesh, near: Adjacency, labels: Labels, patches: list[FittedPatch], caps: Sequence[int]
 ) -> Labels:
-    """Labels (f,) in which flat groups of triangles far from their surfaces have a plane, added to `patches`."""
+    """Labels (f,) in which flat groups of triangles far from their surfaces have a plane, added to `patches`.
+
+    Caps do not follow their triangles: nobody saw them.
+    """
     centres, (normals, _) = mesh.centroids(), mesh.face_normals()
     off, cosine = np.zeros(len(labels)), np.ones(len(labels))
     for label in np.unique(labels):
         own, patch = np.flatnonzero(labels == label), patches[label]
         off[own] = np.abs(patch.primitive.distance(centres[own]))
         cosine[own] = patch.sign * np.einsum("ij,ij->i", patch.primitive.normal(centres[own]), normals[own])
-    seeds = (off > _ASTRAY) | ((cosine < _TURNED) & (off > _OFF))
-    chosen = seeds | (cosine < _ACROSS)
+    astray = (off > _ASTRAY) | ((cosine < _TURNED) & (off > _OFF))
+    seen = ~np.isin(labels, caps)
+    seeds, chosen = astray & seen, (astray | (cosine < _ACROSS)) & seen
     both = chosen[near.pairs].all(axis=1)
     _, group = components(len(labels), near.pairs[both])
     labels = labels.copy()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.bridges import bridged_labels
-from sed2cad.topology.caps import missing_cap
+from sed2cad.topology.caps import Cap, levelled, missing_cap
 from sed2cad.topology.chains import build_topology
 from sed2cad.topology.closing import closable
 from sed2cad.topology.labelling import Adjacency, adjacency, data_costs, label_triangles
@@ -31,6 +31,7 @@ class Traced:
     fitted: list[FittedPatch]  # the given ones and, after them, the caps that were missing
     proxy: Mesh
     labels: Labels  # (f,) region of each triangle of the proxy
+    caps: tuple[int, ...] = ()  # which of the patches nobody saw
 
 
 def trace(
@@ -56,11 +57,14 @@ def trace(
     return _with_caps(scan, list(fitted), mesh, near, costs, labels)
 
 
-def retraced(scan: Scan, mesh: Mesh, fitted: Sequence[FittedPatch], labels: Labels) -> Traced:
-    """The topology of changed labels (f,) of a proxy's triangles."""
+def retraced(
+    scan: Scan, mesh: Mesh, fitted: Sequence[FittedPatch], labels: Labels, caps: tuple[int, ...] = ()
+) -> Traced:
+    """The topology of changed labels (f,) of a proxy's triangles; caps: those that there are."""
     centres = mesh.centroids()
     costs = np.column_stack([np.abs(patch.primitive.distance(centres)) for patch in fitted]) / scan.spacing
-    return _with_caps(scan, list(fitted), mesh, adjacency(mesh), costs, unpinch(mesh, costs, labels))
+    traced = _with_caps(scan, list(fitted), mesh, adjacency(mesh), costs, unpinch(mesh, costs, labels))
+    return replace(traced, caps=caps + traced.caps)
 
 
 def _with_caps(
@@ -68,19 +72,20 @@ def _with_caps(
 ) -> Traced:
     """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
     topology, region = _topology(mesh, near, labels)
+    caps: list[Cap] = []
     for _ in topology.regions:
-        found = missing_cap(scan, mesh, near, region, topology, fitted)
-        if found is None:
+        cap = missing_cap(scan, mesh, near, region, topology, [*fitted, *(cap.patch for cap in caps)])
+        if cap is None:
             break
-        cap, triangles = found
         labels = labels.copy()
-        labels[triangles] = len(fitted)
-        fitted = [*fitted, cap]
-        costs = np.column_stack([costs, np.abs(cap.primitive.distance(mesh.centroids())) / scan.spacing])
+        labels[cap.triangles] = len(fitted) + len(caps)
+        caps.append(cap)
+        costs = np.column_stack([costs, np.abs(cap.plane.distance(mesh.centroids())) / scan.spacing])
         labels = unpinch(mesh, costs, labels)
         topology, region = _topology(mesh, near, labels)
-    fitted = closable(scan, topology, fitted)
-    return Traced(without_tunnels(topology, fitted), fitted, mesh, region)
+    places = tuple(range(len(fitted), len(fitted) + len(caps)))
+    fitted = closable(scan, topology, [*fitted, *levelled(caps, mesh)])
+    return Traced(without_tunnels(topology, fitted), fitted, mesh, region, places)
 
 
 def _topology(mesh: Mesh, near: Adjacency, labels: Labels) -> tuple[Topology, Labels]:

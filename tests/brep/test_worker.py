@@ -68,6 +68,16 @@ def test_warm_up_does_not_wait() -> None:
     assert worker._idle
 
 
+def test_a_second_worker_stands_by_where_the_kernel_hangs() -> None:
+    before = run_isolated(jobs.process_id, None, 30.0)
+    warm_up(2)
+    waiting = {idle._process.pid for idle in worker._idle}
+    assert len(waiting) >= 2
+    assert run_isolated(jobs.process_id, None, 30.0) == before  # the one that is ready
+    assert isinstance(run_isolated(jobs.hang, 60.0, 0.5), Failure)
+    assert run_isolated(jobs.process_id, None, 30.0) in waiting - {before}
+
+
 def test_a_script_without_a_guard_can_use_it() -> None:
     lines = [
         f"import sys; sys.path[:] = {sys.path!r}",

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.plane import Plane
 from sed2cad.scan.scan import Mesh
-from sed2cad.topology.caps import _in_one
+from sed2cad.topology.caps import Cap, _in_one, levelled
 from sed2cad.topology.labelling import adjacency
 
 
@@ -28,3 +31,18 @@ def test_specks_and_holes_are_evened_out() -> None:
     speck = (cells == (2, 3)).all(axis=1)
     cap = _in_one(adjacency(mesh), inside, np.flatnonzero((beyond & ~hole) | speck))
     assert np.array_equal(cap, np.flatnonzero(beyond))
+
+
+def cap_at(height: float, beyond: int, gap: float) -> Cap:
+    """A level one, of the first triangles of a mesh."""
+    nothing = Patch(np.zeros(0, np.int64), "plane", np.zeros(0, bool))
+    plane = FittedPatch(nothing, Plane(np.array([0.0, 0, 1]), height), 1, 0.01, np.eye(3))
+    return Cap(plane, np.arange(3), beyond, gap)
+
+
+def test_floors_that_may_be_at_one_level_are_at_that_of_the_deepest() -> None:
+    floors = [cap_at(0.1, -1, 0.02), cap_at(0.085, -1, 0.0), cap_at(0.2, -1, 0.02), cap_at(0.12, -1, 0.01)]
+    tops = [cap_at(0.1, 1, 0.02), cap_at(0.11, 1, 0.0)]
+    levels = [patch.primitive.distance(np.zeros((1, 3)))[0] for patch in levelled([*floors, *tops], strip(2, 2)[0])]
+    assert levels == pytest.approx([-0.085, -0.085, -0.2, -0.12, -0.11, -0.11])
+    assert levelled([], strip(2, 2)[0]) == []

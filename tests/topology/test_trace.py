@@ -156,7 +156,11 @@ def test_nine_bores_with_floors_that_nobody_saw_are_closed():
     assert len(caps) == len(places)
     for cap in caps:
         assert abs(cap.sign * cap.primitive.normal(np.zeros((1, 3)))[0, 2] - 1) < 1e-9
-        assert cap.primitive.distance(np.array([[0.0, 0.0, floor]]))[0] == pytest.approx(0, abs=2 * scan.spacing)
+    levels = [-cap.primitive.distance(np.zeros((1, 3)))[0] for cap in caps]
+    deepest = min(scan.points[patch.patch.indices, 2].min() for patch in fitted[6:])
+    assert floor < deepest < floor + scan.spacing  # no wall ends above its points, and all floors are at one level
+    assert levels == pytest.approx([deepest] * len(places), abs=1e-9)
+    assert traced.caps == tuple(range(len(fitted), len(fitted) + len(places)))
     for place in places:
         around = [len(region.loops) for region in traced.topology.regions if on_bore(traced, region, place)]
         assert around == [2]
