@@ -17,6 +17,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 Array = NDArray[np.float64]
 TURN = 2 * np.pi
+_SURELY = 0.7  # times the distance from the points of the shorter arc: the longer one is no farther
 
 
 class Curve(ABC):
@@ -255,8 +256,9 @@ def _runs_back(curve: Curve, points: Array, sweep: float) -> bool:
 def _sweep(curve: Curve, points: Array, closed: bool) -> float:
     """The signed angle that ordered points (k, 3) run along a circle or ellipse.
 
-    First and last point leave a choice of whole turns; the arc whose points lie along the given ones wins. Closed
-    points that go around the curve's axis say it themselves, however far they stray.
+    First and last point leave a choice of whole turns; the arc whose points lie along the given ones wins, the longer
+    way around only if they surely do: a short chain across a fillet says little. Closed points that go around the
+    curve's axis say it themselves, however far they stray.
     """
     angles = curve.parameters(points)
     if closed and (turns := winding(np.append(angles, angles[:1]))):
@@ -266,5 +268,6 @@ def _sweep(curve: Curve, points: Array, closed: bool) -> float:
     choices = np.array([-TURN, TURN]) if closed else apart + TURN * np.array([0.0, -1.0, 1.0])
     choices = choices[np.abs(choices) < TURN + 1e-6]
     share = np.linspace(0.0, 1.0, len(points), endpoint=not closed)
-    off = [np.linalg.norm(curve.at(first + share * choice) - points, axis=1).mean() for choice in choices]
-    return float(choices[int(np.argmin(off))])
+    off = np.array([np.linalg.norm(curve.at(first + share * choice) - points, axis=1).mean() for choice in choices])
+    off[np.abs(choices) > np.abs(choices).min() + 1e-6] /= _SURELY
+    return float(choices[int(off.argmin())])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sed2cad.components import components
-from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.base import FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
@@ -53,24 +53,40 @@ class Cap:
 
 
 def turns(primitive: Round, region: Region, chains: Sequence[Chain]) -> float:
-    """How often the loops of a region go around the axis, in all; 0 when nothing is missing."""
+    """How often the loops of a region go around the axis, in all; 0 when nothing is missing.
+
+    None does around less than half a turn of the surface, however its traced points jump about the axis of a fillet.
+    """
     x, y = tangent_frame(primitive.frame[2] if isinstance(primitive, BSplineSurface) else primitive.axis)
     origin = _origin(primitive)
+
+    def angles(points: Array) -> Array:
+        return np.asarray(np.arctan2((points - origin) @ y, (points - origin) @ x))
+
+    seen = np.sort(angles(region.points))
+    if len(seen) == 0 or np.diff(seen, append=seen[0] + 2 * np.pi).max() > np.pi:
+        return 0.0
     total = 0.0
     for loop in region.loops:
         for index, direction in loop:
             points = chains[index].points
             if chains[index].closed:
                 points = np.vstack([points, points[:1]])
-            angles = np.unwrap(np.arctan2((points - origin) @ y, (points - origin) @ x))
-            total += direction * float(angles[-1] - angles[0])
+            turned = np.unwrap(angles(points))
+            total += direction * float(turned[-1] - turned[0])
     return total / (2 * np.pi)
 
 
 def missing_cap(
-    scan: Scan, mesh: Mesh, near: Adjacency, region: Labels, topology: Topology, fitted: Sequence[FittedPatch]
+    scan: Scan,
+    triangle: Labels,
+    mesh: Mesh,
+    near: Adjacency,
+    region: Labels,
+    topology: Topology,
+    fitted: Sequence[FittedPatch],
 ) -> Cap | None:
-    """The first missing cap; None when nothing is missing."""
+    """The first missing cap; None when nothing is missing. triangle (n,): see `nearest_centres`."""
     for index, face in enumerate(topology.regions):
         primitive = fitted[face.primitive].primitive
         if not isinstance(primitive, Cylinder | Cone) or not face.loops:
@@ -78,13 +94,12 @@ def missing_cap(
         if abs(turns(primitive, face, topology.chains)) < 0.5:
             continue
         height = _loop_height(primitive, face, topology)
-        own = np.flatnonzero(region == index)
-        wall = _heights(primitive, _points_on(primitive, scan, mesh, own))
-        found = _cap(fitted[face.primitive], primitive, mesh, own, height, wall)
+        wall = _heights(primitive, scan.points[_on(primitive, scan, np.flatnonzero(region[triangle] == index))])
+        found = _cap(fitted[face.primitive], primitive, mesh, np.flatnonzero(region == index), height, wall)
         if found is not None:
             plane, triangles, beyond = found
             triangles = _in_one(near, region == index, triangles)
-            patch = _as_patch(plane, triangles, scan, mesh)
+            patch = _as_patch(plane, scan, np.flatnonzero(np.isin(triangle, triangles)))
             unseen = len(wall) > 0 and len(patch.patch.indices) == 0
             return Cap(patch, triangles, beyond, _END_GAP * float(np.ptp(wall)) / len(wall) if unseen else 0.0)
     return None
@@ -126,16 +141,15 @@ def _loop_height(primitive: Cylinder | Cone, face: Region, topology: Topology) -
     return float(_heights(primitive, points).mean())
 
 
-def _points_on(primitive: Cylinder | Cone, scan: Scan, mesh: Mesh, triangles: Labels) -> Array:
-    """Points (n, 3) of the scan on the surface, nearest to some triangles."""
-    points = scan.points[_nearest_to(triangles, scan, mesh)]
-    return points[np.abs(primitive.distance(points)) < 2 * scan.noise + _ON * scan.spacing]
+def nearest_centres(scan: Scan, mesh: Mesh) -> Labels:
+    """The triangle (n,) whose centre is nearest to each point of the scan."""
+    return np.asarray(cKDTree(mesh.centroids()).query(scan.points, workers=-1)[1])
 
 
-def _nearest_to(triangles: Labels, scan: Scan, mesh: Mesh) -> Labels:
-    """Points of the scan that are nearest to some triangles (by their centres)."""
-    _, nearest = cKDTree(mesh.centroids()).query(scan.points, workers=-1)
-    return np.flatnonzero(np.isin(nearest, triangles)).astype(np.int64)
+def _on(primitive: Primitive, scan: Scan, indices: Labels) -> Labels:
+    """Which of some points of the scan lie on a surface."""
+    off = np.abs(primitive.distance(scan.points[indices]))
+    return indices[off < 2 * scan.noise + _ON * scan.spacing]
 
 
 def _cap(
@@ -194,11 +208,10 @@ def _largest(near: Adjacency, triangles: Labels, count: int) -> Labels:
     return triangles[piece[triangles] == np.bincount(piece[triangles], minlength=number).argmax()]
 
 
-def _as_patch(plane: Plane, triangles: Labels, scan: Scan, mesh: Mesh) -> FittedPatch:
-    """The plane with those points nearest to the triangles that lie on it."""
-    indices = _nearest_to(triangles, scan, mesh)
-    on = np.abs(plane.distance(scan.points[indices])) < 2 * scan.noise + _ON * scan.spacing
-    indices = indices[on & (scan.normals[indices] @ plane.normal_vector > _FACING)]
+def _as_patch(plane: Plane, scan: Scan, near: Labels) -> FittedPatch:
+    """The plane with those of the points near to it that lie on it."""
+    indices = _on(plane, scan, near)
+    indices = indices[scan.normals[indices] @ plane.normal_vector > _FACING]
     interior = np.ones(len(indices), dtype=bool)
     distance = plane.distance(scan.points[indices])
     rms = root_mean_square(distance) if len(indices) else scan.spacing

@@ -11,7 +11,7 @@ from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.bridges import bridged_labels
-from sed2cad.topology.caps import Cap, levelled, missing_cap
+from sed2cad.topology.caps import Cap, levelled, missing_cap, nearest_centres
 from sed2cad.topology.chains import build_topology
 from sed2cad.topology.closing import closable
 from sed2cad.topology.labelling import Adjacency, adjacency, data_costs, label_triangles
@@ -21,6 +21,7 @@ from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import proxy_mesh
 from sed2cad.topology.regions import cleaned_labels, connected, support_of, unpinch
 from sed2cad.topology.samples import neighbours, settled_labels
+from sed2cad.topology.torn import strips_closed
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ def trace(
     support = support_of(mesh, scan, points)
     labels = cleaned_labels(mesh, near, costs, labels, support)
     whole = bridged_labels(scan, fitted, mesh, near, labels)
+    whole = strips_closed(scan, fitted, mesh, near, whole)
     if (whole != labels).any():
         labels = cleaned_labels(mesh, near, costs, whole, support)
     labels = without_lenses(scan, fitted, mesh, near, costs, labels)
@@ -73,8 +75,9 @@ def _with_caps(
     """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
     topology, region = _topology(mesh, near, labels)
     caps: list[Cap] = []
+    triangle = nearest_centres(scan, mesh)
     for _ in topology.regions:
-        cap = missing_cap(scan, mesh, near, region, topology, [*fitted, *(cap.patch for cap in caps)])
+        cap = missing_cap(scan, triangle, mesh, near, region, topology, [*fitted, *(cap.patch for cap in caps)])
         if cap is None:
             break
         labels = labels.copy()

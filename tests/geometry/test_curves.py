@@ -91,6 +91,15 @@ def test_noise_larger_than_a_step_does_not_unwind_an_arc() -> None:
     assert arc.last - arc.first == pytest.approx(np.pi / 2)
 
 
+def test_a_chord_across_a_fillet_is_its_short_arc() -> None:
+    """Two points of a coarse mesh: the chord between them passes the axis on its far side."""
+    circle = Circle(np.zeros(3), Z, X, 1.0)
+    ends = circle.at(np.array([0.0, np.pi / 2]))
+    chord = np.linspace(circle.at(np.array([-0.5]))[0], circle.at(np.array([2.2]))[0], 12) - 0.4 * (X + Y)
+    arc = arc_through(circle, np.vstack([ends[:1], chord[1:-1], ends[1:]]), closed=False)
+    assert arc.last - arc.first == pytest.approx(np.pi / 2)
+
+
 def test_a_circle_can_be_started_anywhere() -> None:
     circle = Circle(CENTRE, Z, X, 2.0)
     assert circle.started_at(1.0).at(np.array([0.0])) == pytest.approx(circle.at(np.array([1.0])))

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
 from sed2cad.scan.scan import Mesh
-from sed2cad.topology.caps import Cap, _in_one, levelled
+from sed2cad.topology.caps import Cap, _in_one, levelled, turns
 from sed2cad.topology.labelling import adjacency
+from sed2cad.topology.model import Chain, Region
 
 
 def strip(columns: int, rows: int) -> tuple[Mesh, np.ndarray]:
@@ -46,3 +48,15 @@ def test_floors_that_may_be_at_one_level_are_at_that_of_the_deepest() -> None:
     levels = [patch.primitive.distance(np.zeros((1, 3)))[0] for patch in levelled([*floors, *tops], strip(2, 2)[0])]
     assert levels == pytest.approx([-0.085, -0.085, -0.2, -0.12, -0.11, -0.11])
     assert levelled([], strip(2, 2)[0]) == []
+
+
+def test_a_fillet_is_not_open_however_its_border_jumps() -> None:
+    surface = Cylinder(np.array([0.0, 0, 1]), np.zeros(3), 1.0)
+
+    def at(angles: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+
+    border = Chain(at(np.array([0.0, 2, 4])), 0, 1, -1, -1)
+    fillet, bore = (Region(0, (((0, 1),),), at(np.linspace(0, most, 20)), 1.0, 0) for most in (1.5, 6.2))
+    assert turns(surface, fillet, [border]) == 0
+    assert turns(surface, bore, [border]) == pytest.approx(1)
