@@ -95,7 +95,7 @@ def test_a_chord_across_a_fillet_is_its_short_arc() -> None:
     """Two points of a coarse mesh: the chord between them passes the axis on its far side."""
     circle = Circle(np.zeros(3), Z, X, 1.0)
     ends = circle.at(np.array([0.0, np.pi / 2]))
-    chord = np.linspace(circle.at(np.array([-0.5]))[0], circle.at(np.array([2.2]))[0], 12) - 0.4 * (X + Y)
+    chord = np.linspace(circle.at(np.array([-0.5]))[0], circle.at(np.array([2.2]))[0], 12) - 0.15 * (X + Y)
     arc = arc_through(circle, np.vstack([ends[:1], chord[1:-1], ends[1:]]), closed=False)
     assert arc.last - arc.first == pytest.approx(np.pi / 2)
 
