@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,21 +79,21 @@ def turns(primitive: Round, region: Region, chains: Sequence[Chain]) -> float:
 
 def missing_cap(
     scan: Scan,
-    triangle: Labels,
+    nearest: Callable[[], Labels],
     mesh: Mesh,
     near: Adjacency,
     region: Labels,
     topology: Topology,
     fitted: Sequence[FittedPatch],
 ) -> Cap | None:
-    """The first missing cap; None when nothing is missing. triangle (n,): see `nearest_centres`."""
+    """The first missing cap; None when nothing is missing. nearest() gives `nearest_centres`."""
     for index, face in enumerate(topology.regions):
         primitive = fitted[face.primitive].primitive
         if not isinstance(primitive, Cylinder | Cone) or not face.loops:
             continue
         if abs(turns(primitive, face, topology.chains)) < 0.5:
             continue
-        height = _loop_height(primitive, face, topology)
+        height, triangle = _loop_height(primitive, face, topology), nearest()
         wall = _heights(primitive, scan.points[_on(primitive, scan, np.flatnonzero(region[triangle] == index))])
         found = _cap(fitted[face.primitive], primitive, mesh, np.flatnonzero(region == index), height, wall)
         if found is not None:

@@ -31,19 +31,12 @@ def strips_closed(scan: Scan, fitted: Sequence[FittedPatch], mesh: Mesh, near: A
             continue
         vertices = np.array([*map(border.origin, piece), border.origin(int(border.twin[piece[-1]]))])
         points = mesh.vertices[vertices]
-        rise = _rise(scan, fitted[left], fitted[right], points)
+        rise = abs(rise_at(scan, fitted[left], fitted[right], points))
         strip = _at_both_ends(mesh, labels, (left, right), vertices) if rise else -1
         if strip >= 0 and _goes_on(scan, fitted[strip], rise, points):
             around = np.isin(mesh.faces, vertices).any(axis=1)
             found[around & np.isin(region, region[list(triangles)])] = strip
     return found
-
-
-def _rise(scan: Scan, left: FittedPatch, right: FittedPatch, points: Array) -> float:
-    """The height of the step between two patches along their border, points (n, 3); 0: none."""
-    if left.primitive.freeform or right.primitive.freeform:
-        return 0.0
-    return abs(rise_at(scan, left, right, points))
 
 
 def _at_both_ends(mesh: Mesh, labels: Labels, sides: tuple[int, int], vertices: Labels) -> int:

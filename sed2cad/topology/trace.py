@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -75,9 +76,9 @@ def _with_caps(
     """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
     topology, region = _topology(mesh, near, labels)
     caps: list[Cap] = []
-    triangle = nearest_centres(scan, mesh)
+    nearest = cache(lambda: nearest_centres(scan, mesh))  # most parts lack no cap
     for _ in topology.regions:
-        cap = missing_cap(scan, triangle, mesh, near, region, topology, [*fitted, *(cap.patch for cap in caps)])
+        cap = missing_cap(scan, nearest, mesh, near, region, topology, [*fitted, *(cap.patch for cap in caps)])
         if cap is None:
             break
         labels = labels.copy()

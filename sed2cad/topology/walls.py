@@ -81,7 +81,7 @@ def _step(scan: Scan, topology: Topology, patches: Sequence[FittedPatch], number
     """The step at a chain, where there is one."""
     chain = topology.chains[number]
     left, right = (patches[topology.regions[r].primitive] for r in (chain.left, chain.right))
-    if left.primitive.freeform or right.primitive.freeform or len(chain.points) < 2:
+    if len(chain.points) < 2:
         return None
     rise = rise_at(scan, left, right, chain.points)
     if not rise:
@@ -97,8 +97,10 @@ def _step(scan: Scan, topology: Topology, patches: Sequence[FittedPatch], number
 def rise_at(scan: Scan, left: FittedPatch, right: FittedPatch, points: Array) -> float:
     """How far the right one of two parallel faces lies above the left along their border, points (n, 3).
 
-    0 where they are not parallel, or where the step is so low that it is none.
+    0 where they are not parallel, or where the step is so low that it is none; of freeform faces nothing is known.
     """
+    if left.primitive.freeform or right.primitive.freeform:
+        return 0.0
     up, other = (patch.sign * patch.primitive.normal(points) for patch in (left, right))
     low, high = (patch.sign * patch.primitive.distance(points) for patch in (left, right))
     cosine = float(np.median(np.einsum("ij,ij->i", up, other)))
