@@ -29,7 +29,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use: torch and the CAD kernel are slow to load."""
+    """Import on first use: numpy, scipy and the CAD kernel are slow to load."""
     if name not in _HOMES:
         raise AttributeError(f"module 'sed2cad' has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

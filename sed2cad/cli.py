@@ -57,6 +57,10 @@ def reported(command: Command) -> Command:
             raise
         except KeyboardInterrupt:
             fail("stopped by the user; files that were there before are as they were", 130)
+        except ModuleNotFoundError as error:
+            if error.name != "torch":
+                raise
+            fail("this command trains networks and needs torch: pip install 'sed2cad[train]'", UsageError.exit_code)
         except Sed2cadError as error:
             show_traceback(options)
             fail(str(error), error.exit_code)
@@ -123,7 +127,6 @@ def reconstruct_command(
         bool, typer.Option("--allow-open", help="An open shell is a success where the scan does not show all.")
     ] = False,
     seed: Annotated[int, typer.Option(help="The same scan and seed give the same solid.")] = 0,
-    device: Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="Where the network runs.")] = "auto",
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -132,13 +135,13 @@ def reconstruct_command(
     from sed2cad.settings import Settings
 
     settings = Settings(
-        seed=seed, regularize=regularize, round=round_, tolerance=tolerance, cap=cap, device=device, unit=unit
+        seed=seed, regularize=regularize, round=round_, tolerance=tolerance, cap=cap, unit=unit
     )
     reader_of(scan)
     step = step or scan.with_suffix(".step")
     document = report or (step.with_suffix(".json") if script else None)
     require_outputs({"--step": step, "--report": document, "--script": script}, scan)
-    warm_up()  # the CAD kernel loads in a process of its own while torch does here
+    warm_up()  # the CAD kernel loads in a process of its own meanwhile
     with uncollected():
         from sed2cad.pipeline import reconstruct
 

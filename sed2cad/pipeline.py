@@ -13,12 +13,11 @@ from sed2cad.absorbing import absorbed
 from sed2cad.assembly import assemble
 from sed2cad.brep.worker import warm_up
 from sed2cad.completion.complete import complete
-from sed2cad.errors import UsageError
 from sed2cad.fitting import fit_patches
 from sed2cad.joining import joined
 from sed2cad.model import CadModel
-from sed2cad.network.predict import PointLabels, predict
-from sed2cad.network.weights import load_weights
+from sed2cad.network.labeller import Labeller
+from sed2cad.network.predict import predict
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.report.summary import summarise
 from sed2cad.scan.prepare import prepare
@@ -86,7 +85,7 @@ def _tolerant(scan: Scan, settings: Settings) -> Scan:
 
 def by_network(scan: Scan, settings: Settings, clock: Clock) -> tuple[Scan, list[Patch]]:
     """The patches that the network proposes and the refinement settles; the scan with its unevenness as noise."""
-    labels = label(scan, settings)
+    labels = predict(scan.points, scan.normals, Labeller.load(), settings.seed)
     clock.done("network", "types, edges and descriptors of every point")
     found = segment(scan, labels, settings.seed, scan.noise if settings.tolerance else UNEVEN)
     clock.done("segment", f"{len(found.patches)} patches")
@@ -94,18 +93,6 @@ def by_network(scan: Scan, settings: Settings, clock: Clock) -> tuple[Scan, list
         off = f"{_FARTHEST * found.scan.noise * scan.frame.scale:.2g} {settings.unit}"
         warnings.warn(f"the surface is uneven: points may lie {off} off their faces (or say --tolerance)", stacklevel=2)
     return found.scan, found.patches
-
-
-def label(scan: Scan, settings: Settings) -> PointLabels:
-    """What the shipped network says about the points."""
-    import torch
-
-    device = settings.device
-    if device == "auto":
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-    elif device == "cuda" and not torch.cuda.is_available():
-        raise UsageError("there is no CUDA device here; use --device cpu")
-    return predict(scan.points, scan.normals, load_weights(), settings.seed, device)
 
 
 def count_kinds(fitted: Iterable[FittedPatch]) -> str:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from sed2cad.errors import UsageError
 
 UNITS = ("mm", "cm", "m", "in")
-DEVICES = ("auto", "cpu", "cuda")
 
 
 @dataclass(frozen=True)
@@ -20,7 +19,6 @@ class Settings:
     round: float | None = None  # dimensions become multiples of it where the points allow, in `unit`; None: they do not
     tolerance: float | None = None  # largest distance of points and their faces, in `unit`; None: from the noise
     cap: bool = False  # whether flat faces close the part where the scan ends; without, the shell stays open there
-    device: str = "auto"  # where the network runs: "auto", "cpu", "cuda"
     unit: str = "mm"  # of the scan's coordinates: "mm", "cm", "m", "in"
     exact_seconds: float = 20.0  # of assembly, after which no further attempt at an exact solid is begun
     solid_seconds: float = 32.0  # of assembly, after which no face is replaced any more and the solid is made of facets
@@ -29,8 +27,6 @@ class Settings:
     def __post_init__(self) -> None:
         if self.unit not in UNITS:
             raise UsageError(f"unknown unit {self.unit!r}: it must be one of {', '.join(UNITS)}")
-        if self.device not in DEVICES:
-            raise UsageError(f"unknown device {self.device!r}: it must be one of {', '.join(DEVICES)}")
         if self.tolerance is not None and not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise UsageError(f"the tolerance is {self.tolerance}: it must be a length above 0")
         if self.round is not None and not (math.isfinite(self.round) and self.round > 0):

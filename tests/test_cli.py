@@ -87,7 +87,6 @@ def test_bad_scans(tmp_path: Path, case: str) -> None:
         (("--report", str(BRACKET)), "--report would overwrite the input; choose another name"),
         (("--report", "{tmp}/a", "--script", "{tmp}/a"), "--script would overwrite the output of --report"),
         (("--unit", "ft"), "unknown unit 'ft': it must be one of mm, cm, m, in"),
-        (("--device", "tpu"), "unknown device 'tpu': it must be one of auto, cpu, cuda"),
         (("--tolerance", "-1"), "the tolerance is -1.0: it must be a length above 0"),
         (("--round", "0"), "the step of rounding is 0.0: it must be a length above 0"),
         (("--round", "1", "--no-regularize"), "raw fits cannot be rounded: choose --round or --no-regularize"),
@@ -145,13 +144,26 @@ def test_changes() -> None:
 
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["vary", "--help"]])
 def test_answers_at_once(words: list[str]) -> None:
-    """Nothing that is slow to import is: torch and the CAD kernel take seconds."""
+    """Nothing that is slow to import is: the CAD kernel takes seconds."""
     command = [sys.executable, "-X", "importtime", "-m", "sed2cad", *words]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     imported = {line.rpartition("|")[2].strip().partition(".")[0] for line in done.stderr.splitlines()}
     assert "typer" in imported
     assert not imported & {"numpy", "scipy", "torch", "OCP", "build123d", "trimesh", "gpytoolbox", "jinja2"}
     assert "--version" not in words or done.stdout == f"sed2cad {__version__}\n"
+
+
+def test_the_main_job_does_without_torch() -> None:
+    code = "import sys, sed2cad.pipeline; sys.exit('torch' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_training_without_torch_says_what_to_install(tmp_path: Path) -> None:
+    code = "import sys; sys.modules['torch'] = None; from sed2cad.cli import main; main()"
+    command = [sys.executable, "-c", code, "train", str(tmp_path), "-o", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "sed2cad: this command trains networks and needs torch: pip install 'sed2cad[train]'\n"
 
 
 def test_main_job_and_a_variant(tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ from sed2cad.evaluation.methods import NETWORK
 from sed2cad.evaluation.segmentation import SegmentationSettings, evaluate_segmentation
 from sed2cad.evaluation.tables import aligned, share, to_json
 from sed2cad.files import write_text
-from sed2cad.network.sednet import Architecture
-from sed2cad.network.weights import load_weights
+from sed2cad.network.architecture import Architecture
+from sed2cad.network.labeller import Labeller
 from sed2cad.training.dataset import parts_in
 from sed2cad.training.settings import TrainSettings
 from sed2cad.training.train import train
@@ -140,7 +140,7 @@ def _run(
     start = time.process_time()
     train(training, data, folder)
     minutes = (time.process_time() - start) / 60
-    network = load_weights(folder / "last.safetensors")
+    network = Labeller.load(folder / "last.safetensors")
     scored = SegmentationSettings((NETWORK,), settings.points, limit=settings.validation_parts)
     scores = evaluate_segmentation(validation, scored, network).methods[0]
     values = {name: getattr(scores, name) for name in SCORES}

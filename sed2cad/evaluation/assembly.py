@@ -155,8 +155,6 @@ class Reconstructed:
 
 def reconstruct_part(job: Job) -> Reconstructed:
     """The pipeline on a scan, with the network's patches or the true ones, up to the STEP file."""
-    import torch
-
     from sed2cad.pipeline import Clock, by_network, reconstruct_from
 
     def by_truth(scan: Scan, settings: Settings, clock: Clock) -> tuple[Scan, list[Patch]]:
@@ -164,7 +162,6 @@ def reconstruct_part(job: Job) -> Reconstructed:
         clock.done("segment", f"{len(patches)} true patches")
         return scan, patches
 
-    torch.set_num_threads(1)
     start = time.perf_counter()
     model = reconstruct_from(by_truth if job.labels == TRUE else by_network, job.made.raw, Settings())
     model.export_step(job.step)

@@ -9,17 +9,14 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import torch
-
 from sed2cad.errors import ScanError, UsageError
 from sed2cad.evaluation.methods import METHODS, NEED_NETWORK, NETWORK, Labelling, run_method
 from sed2cad.evaluation.metrics import OF_POINTS
 from sed2cad.evaluation.scores import MethodScores, PartScores, Seconds, score, summarise
 from sed2cad.evaluation.trial import cloud_of, make_trial
+from sed2cad.network.labeller import Labeller
 from sed2cad.network.predict import predict
-from sed2cad.network.sednet import SedNet
 from sed2cad.network.types import without_torus
-from sed2cad.network.weights import load_weights
 from sed2cad.training.dataset import parts_in
 from sed2cad.training.samples import EDGE_DISTANCE
 
@@ -57,7 +54,7 @@ class SegmentationResult:
 def evaluate_segmentation(
     data: Path | Sequence[Path],
     settings: SegmentationSettings,
-    network: SedNet | None = None,
+    network: Labeller | None = None,
     progress: Progress | None = None,
 ) -> SegmentationResult:
     """Score each method on packed parts (a folder or files).
@@ -68,7 +65,7 @@ def evaluate_segmentation(
     files = (parts_in(data) if isinstance(data, Path) else list(data))[: settings.limit]
     given = network is not None
     if not given and set(settings.methods) & set(NEED_NETWORK):
-        network = load_weights(settings.weights)
+        network = Labeller.load(settings.weights)
     rows: list[PartScores] = []
     for done, (name, seconds, scores) in enumerate(_runs(files, settings, network, given), 1):
         rows += scores
@@ -80,13 +77,13 @@ def evaluate_segmentation(
     return SegmentationResult(settings, tuple(summaries), tuple(rows))
 
 
-def score_network(files: Sequence[Path], network: SedNet, noise: float = 0.0) -> MethodScores:
+def score_network(files: Sequence[Path], network: Labeller, noise: float = 0.0) -> MethodScores:
     """The network alone on packed parts."""
     settings = SegmentationSettings((NETWORK,), None, noise)
     return evaluate_segmentation(files, settings, network).methods[0]
 
 
-def score_part(path: Path, settings: SegmentationSettings, network: SedNet | None) -> list[PartScores]:
+def score_part(path: Path, settings: SegmentationSettings, network: Labeller | None) -> list[PartScores]:
     """Every method on one part; the scan and the network's labels are made once.
 
     Where the network's classes know no torus, torus and B-spline are one type for every method.
@@ -117,7 +114,7 @@ def score_part(path: Path, settings: SegmentationSettings, network: SedNet | Non
 
 
 def _runs(
-    files: Sequence[Path], settings: SegmentationSettings, network: SedNet | None, given: bool
+    files: Sequence[Path], settings: SegmentationSettings, network: Labeller | None, given: bool
 ) -> Iterator[tuple[str, float, list[PartScores]]]:
     """Part, seconds and rows, as the parts are done."""
     if given or settings.workers == 1:
@@ -134,20 +131,19 @@ def _runs(
             yield run.result()
 
 
-def _timed(path: Path, settings: SegmentationSettings, network: SedNet | None) -> tuple[str, float, list[PartScores]]:
+def _timed(path: Path, settings: SegmentationSettings, network: Labeller | None) -> tuple[str, float, list[PartScores]]:
     start = time.perf_counter()
     rows = score_part(path, settings, network)
     return path.stem, time.perf_counter() - start, rows
 
 
-_worker: tuple[SegmentationSettings, SedNet | None]
+_worker: tuple[SegmentationSettings, Labeller | None]
 """Of a worker process: set once at its start, since weights are slow to send along."""
 
 
 def _start_worker(settings: SegmentationSettings, with_network: bool) -> None:
     global _worker
-    torch.set_num_threads(1)
-    _worker = settings, load_weights(settings.weights) if with_network else None
+    _worker = settings, Labeller.load(settings.weights) if with_network else None
 
 
 def _in_worker(path: Path) -> tuple[str, float, list[PartScores]]:

@@ -7,21 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn import functional
 
 from sed2cad.network.features import local_features
-from sed2cad.network.graph import SCALES
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """One cloud in random order, in the unit frame."""
-
-    points: NDArray[np.float32]  # (n, 3)
-    normals: NDArray[np.float32]  # (n, 3)
-    neighbours: NDArray[np.uint16]  # (3, n, k), see neighbour_graph
+from sed2cad.network.graph import SCALES, Cloud, coarse_weights
 
 
 @dataclass(frozen=True)
@@ -59,13 +48,13 @@ def stack(clouds: Sequence[Cloud], rows: int | None = None) -> Batch:
     first_rows: list[Tensor] = []
     start = 0
     for index, cloud in enumerate(clouds):
-        points, normals = torch.from_numpy(cloud.points), torch.from_numpy(cloud.normals)
+        points, normals = cloud.points, cloud.normals
         neighbours = torch.from_numpy(cloud.neighbours.astype(np.int64))
-        features.append(local_features(points, normals, neighbours))
+        features.append(torch.from_numpy(local_features(points, normals, cloud.neighbours)))
         near[0].append(neighbours[0, :first] + start)
         near[1].append(neighbours[1, :rows] + index * tables[0])
         near[2].append(neighbours[2, :rows] + index * tables[1])
-        weights.append(_coarse_weights(points, normals, neighbours[2, :rows]))
+        weights.append(torch.from_numpy(coarse_weights(points, normals, cloud.neighbours[2, :rows])))
         first_rows.append(torch.arange(first) + start)
         start += len(points)
     neighbours_of = (torch.cat(near[0]), torch.cat(near[1]), torch.cat(near[2]))
@@ -78,11 +67,3 @@ def stack(clouds: Sequence[Cloud], rows: int | None = None) -> Batch:
         tables,
         torch.cat(weights),
     )
-
-
-def _coarse_weights(points: Tensor, normals: Tensor, neighbours: Tensor) -> Tensor:
-    """(rows, k), sum 1: near coarse points with a like normal weigh most; unit is the fourth distance."""
-    rows = len(neighbours)
-    d2 = (points[neighbours] - points[:rows, None]).square().sum(-1)
-    cosine = (normals[neighbours] * normals[:rows, None]).sum(-1)
-    return functional.softmax(-d2 / (d2[:, 3:4] + 1e-9) - 4 * (1 - cosine), dim=1)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from torch import Tensor, nn
 from torch.nn import functional
 
+from sed2cad.network.architecture import SLOPE
+
 
 class EdgeConv(nn.Module):
     """One EdgeConv layer (Wang et al. 2019), as SED-Net stacks three of.
@@ -22,14 +24,14 @@ class EdgeConv(nn.Module):
     def forward(self, x: Tensor, table: Tensor, neighbours: Tensor) -> Tensor:
         """x (n, inputs), table (m, inputs) that `neighbours` (n, k) index; returns (n, outputs)."""
         highest = functional.embedding_bag(neighbours, self.other(table), mode="max")
-        return functional.leaky_relu(self.norm(self.own(x) + highest), 0.2)
+        return functional.leaky_relu(self.norm(self.own(x) + highest), SLOPE)
 
 
 class Mlp(nn.Sequential):
     """Linear, norm, LeakyReLU: one shared layer."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
-        super().__init__(nn.Linear(inputs, outputs), nn.LayerNorm(outputs), nn.LeakyReLU(0.2))
+        super().__init__(nn.Linear(inputs, outputs), nn.LayerNorm(outputs), nn.LeakyReLU(SLOPE))
 
 
 def interpolate(table: Tensor, neighbours: Tensor, weights: Tensor) -> Tensor:

@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sed2cad.network.affinity import PAIR_NEIGHBOURS, same_patch
-from sed2cad.network.batch import Cloud, stack
-from sed2cad.network.features import local_features
-from sed2cad.network.graph import MAX_POINTS, neighbour_graph
-from sed2cad.network.sednet import SedNet
+from sed2cad.network.graph import MAX_POINTS, Cloud, neighbour_graph
+from sed2cad.network.labeller import Labeller
 from sed2cad.network.types import from_paper
 
 NORMAL_WEIGHT = 0.03
@@ -33,7 +29,7 @@ class PointLabels:
     nearest: NDArray[np.int64]  # (n,) whose labels a point of the scan takes: a row of the arrays above
 
 
-def predict(points: NDArray, normals: NDArray, network: SedNet, seed: int = 0, device: str = "cpu") -> PointLabels:
+def predict(points: NDArray, normals: NDArray, network: Labeller, seed: int = 0) -> PointLabels:
     """Label points (n, 3), n >= 50, in any frame and unit, with unit normals (n, 3).
 
     The network sees at most 10,000 of them in the frame it was trained in (box centred, longest side 1); the
@@ -42,18 +38,15 @@ def predict(points: NDArray, normals: NDArray, network: SedNet, seed: int = 0, d
     order = np.random.default_rng(seed).permutation(len(points))[:MAX_POINTS]
     unit, normals = to_unit_frame(points), np.asarray(normals, np.float32)
     cloud = Cloud(unit[order], normals[order], neighbour_graph(unit[order]))
-    with torch.no_grad():
-        output = [part.cpu() for part in network.to(device).eval()(stack([cloud]).to(device))]
+    said, same = network.label(cloud)
     rank = np.argsort(order)  # from the random order, which the graph needs, back to that of the scan
-    probabilities = output[0].softmax(1).numpy()[rank]
-    neighbours, same = _pairs(cloud, network.to("cpu"))
-    seen = order[rank]
+    seen, types = order[rank], said.types[rank]
     return PointLabels(
         seen,
-        probabilities if network.shape.torus else from_paper(probabilities),
-        output[1].softmax(1)[:, 1].numpy()[rank],
-        output[2].numpy()[rank],
-        np.argsort(rank)[neighbours][rank],
+        types if network.shape.torus else from_paper(types),
+        said.edge[rank, 1],
+        said.descriptors[rank],
+        np.argsort(rank)[cloud.pairs][rank],
         same[rank],
         _nearest(unit, normals, seen),
     )
@@ -65,16 +58,6 @@ def _nearest(points: NDArray, normals: NDArray, seen: NDArray[np.int64]) -> NDAr
         return np.arange(len(points))
     place = np.hstack([points, NORMAL_WEIGHT * normals])
     return cKDTree(place[seen]).query(place, workers=-1)[1]
-
-
-def _pairs(cloud: Cloud, network: SedNet) -> tuple[NDArray[np.int64], NDArray]:
-    """Nearest others of each point of the cloud, and the probability to share a patch with them."""
-    near = cloud.neighbours[0, :, 1 : PAIR_NEIGHBOURS + 1].astype(np.int64)
-    if network.affinity is None:
-        return near, np.full(near.shape, 0.5, np.float32)
-    graph = torch.from_numpy(cloud.neighbours.astype(np.int64))
-    features = local_features(torch.from_numpy(cloud.points), torch.from_numpy(cloud.normals), graph)
-    return near, same_patch(network.affinity, features, torch.from_numpy(near)).numpy()
 
 
 def to_unit_frame(points: NDArray) -> NDArray[np.float32]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -11,37 +11,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from sed2cad.network.affinity import PairNet
+from sed2cad.network.architecture import FUSION, GLOBAL_POINTS, SLOPE, Architecture
 from sed2cad.network.batch import Batch
 from sed2cad.network.dynamic import feature_neighbours, normal_neighbours
 from sed2cad.network.edgeconv import EdgeConv, Mlp, interpolate
 from sed2cad.network.features import FEATURES
 from sed2cad.network.types import PATCH_TYPES
-
-FUSION = 0.2
-"""Weight of either fusion (the paper, section 3.2)."""
-GLOBAL_POINTS = 1_024
-"""The global feature is the maximum over this many points."""
-
-
-@dataclass(frozen=True)
-class Architecture:
-    """What the weights belong to; stored with them."""
-
-    widths: tuple[int, int, int] = (64, 64, 128)
-    global_width: int = 1_024
-    point_width: int = 512
-    branch_width: int = 256
-    descriptor: int = 128
-    local_width: int = 128  # of the point-wise network on local features; 0: plain points and normals, as the paper
-    transformer_layers: int = 2  # on the coarse points; 0: none, as the paper
-    transformer_width: int = 192
-    transformer_heads: int = 6
-    early_fusion: bool = True
-    late_fusion: bool = True
-    affinity_width: int = 0  # of the pair network, which is trained apart and attached; 0: none
-    two_branches: bool = True  # False: one branch gives type, edge and descriptor, and nothing is fused
-    torus: bool = True  # classes are PATCH_TYPES; False: PAPER_TYPES
-    dynamic: int = 0  # neighbours in graphs rebuilt before each EdgeConv, as the paper (64); 0: fixed graphs
 
 
 class Output(NamedTuple):
@@ -163,7 +138,7 @@ class SedNet(nn.Module):
         if self.transformer is not None:
             local = torch.cat([local, self.transformer(local, batch)], 1)
         mixed = self.decode_local(local).view(batch.clouds, batch.rows, -1) + self.decode_global(whole)[:, None]
-        return functional.leaky_relu(self.decode_norm(mixed), 0.2).flatten(0, 1)
+        return functional.leaky_relu(self.decode_norm(mixed), SLOPE).flatten(0, 1)
 
     def branches(self, point: Tensor) -> Output:
         """Classification and instance branch with early and late fusion; or one branch for both."""

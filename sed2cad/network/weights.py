@@ -1,4 +1,4 @@
-"""Weights on disk: safetensors (never pickle), with the network's architecture in the metadata."""
+"""Networks to and from the files of `stored`."""
 
 from __future__ import annotations
 
@@ -6,20 +6,16 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import torch
-from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
-from sed2cad.errors import WeightsError
-from sed2cad.network.sednet import Architecture, SedNet
-from sed2cad.network.splinenet import SplineNet, SplineShape
-
-SHIPPED = Path(__file__).with_name("sednet.safetensors")
-FORMAT = "sed2cad-sednet-1"
-SHIPPED_SPLINENET = Path(__file__).with_name("splinenet.safetensors")
-SPLINE_FORMAT = "sed2cad-splinenet-1"
+from sed2cad.network.labeller import Labeller
+from sed2cad.network.layers import Layers
+from sed2cad.network.sednet import SedNet
+from sed2cad.network.splinenet import SplineNet
+from sed2cad.network.stored import FORMAT, SHIPPED, SHIPPED_SPLINENET, SPLINE_FORMAT, Stored, stored_weights
 
 Network = TypeVar("Network", SedNet, SplineNet)
 
@@ -27,6 +23,11 @@ Network = TypeVar("Network", SedNet, SplineNet)
 def save_weights(network: SedNet, path: Path, half: bool = False) -> None:
     """Write the weights, with `half` in 16 bits: half the size, the same labels."""
     _save(network, path, half, FORMAT)
+
+
+def save_splinenet(network: SplineNet, path: Path, half: bool = False) -> None:
+    """The same for SplineNet."""
+    _save(network, path, half, SPLINE_FORMAT)
 
 
 def _save(network: SedNet | SplineNet, path: Path, half: bool, kind: str) -> None:
@@ -42,39 +43,30 @@ def _save(network: SedNet | SplineNet, path: Path, half: bool, kind: str) -> Non
 
 def load_weights(path: Path | None = None) -> SedNet:
     """The network in a file, ready to predict; without a path the shipped one. Raises WeightsError."""
-
-    def made(shape: dict[str, Any]) -> SedNet:
-        return SedNet(Architecture(**{**shape, "widths": tuple(shape["widths"])}))
-
-    return _loaded(Path(path or SHIPPED), FORMAT, made)
-
-
-def save_splinenet(network: SplineNet, path: Path, half: bool = False) -> None:
-    """The same for SplineNet."""
-    _save(network, path, half, SPLINE_FORMAT)
+    stored = stored_weights(path or SHIPPED, FORMAT)
+    return _filled(lambda: SedNet(stored.architecture()), stored)
 
 
 def load_splinenet(path: Path | None = None) -> SplineNet:
     """The same for SplineNet. Raises WeightsError."""
-    return _loaded(Path(path or SHIPPED_SPLINENET), SPLINE_FORMAT, lambda shape: SplineNet(SplineShape(**shape)))
+    stored = stored_weights(path or SHIPPED_SPLINENET, SPLINE_FORMAT)
+    return _filled(lambda: SplineNet(stored.spline_shape()), stored)
 
 
-def _loaded(path: Path, kind: str, make: Callable[[dict[str, Any]], Network]) -> Network:
-    if not path.is_file():
-        raise WeightsError(f"There is no weights file {path}.")
+def _filled(make: Callable[[], Network], stored: Stored) -> Network:
     try:
-        with safe_open(path, "pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name).float() for name in file.keys()}
-    except (SafetensorError, OSError) as error:
-        raise WeightsError(f"The weights file {path} is damaged or not in safetensors format.") from error
-    if metadata.get("format") != kind:
-        raise WeightsError(f"The weights file {path} holds another network.")
-    try:
-        network = make(json.loads(metadata["architecture"]))
-        network.load_state_dict(tensors)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise WeightsError(f"The weights file {path} does not fit the network it names.") from error
-    if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
-        raise WeightsError(f"The weights file {path} holds values that are not finite.")
+        network = make()
+        network.load_state_dict({name: torch.from_numpy(array) for name, array in stored.arrays.items()})
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise stored.misfit from error
     return network.eval()
+
+
+def labeller_of(network: SedNet) -> Labeller:
+    """The same network, ready to label scans."""
+    return Labeller(network.shape, layers_of(network))
+
+
+def layers_of(network: SedNet | SplineNet) -> Layers:
+    """The weights of a network."""
+    return Layers({name: tensor.detach().cpu().float().numpy() for name, tensor in network.state_dict().items()})

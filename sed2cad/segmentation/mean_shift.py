@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from scipy.spatial.distance import cdist
+
+Array = NDArray[np.float32]
 
 SAMPLE = 2_500
 """The density is estimated from this many points."""
@@ -26,21 +27,20 @@ def mean_shift(
     denser one stays; every point goes to its nearest mode.
     """
     rng = np.random.default_rng(seed)
-    every = torch.from_numpy(np.ascontiguousarray(descriptors, np.float32))
-    sample = every[torch.from_numpy(rng.permutation(len(every))[:SAMPLE])]
-    modes = every[torch.from_numpy(rng.permutation(len(every))[:seeds])]
-    with torch.no_grad():
-        for _ in range(iterations):
-            weights = _kernel(modes, sample, bandwidth)
-            density = weights.sum(1, keepdim=True)
-            shifted = weights @ sample / density.clamp_min(1e-12)
-            step = (shifted - modes).square().sum(1).max()
-            modes = shifted
-            if step < CONVERGED:
-                break
-        modes = _distinct(modes[density[:, 0].argsort(descending=True)], 2 * bandwidth)
-        nearest = ((modes * modes).sum(1) - 2 * every @ modes.T).argmin(1)
-    return np.unique(nearest.numpy(), return_inverse=True)[1]
+    every = np.ascontiguousarray(descriptors, np.float32)
+    sample = every[rng.permutation(len(every))[:SAMPLE]]
+    modes = every[rng.permutation(len(every))[:seeds]]
+    for _ in range(iterations):
+        weights = _kernel(modes, sample, bandwidth)
+        density = weights.sum(axis=1)
+        shifted = weights @ sample / np.maximum(density, 1e-12)[:, None]
+        step = ((shifted - modes) ** 2).sum(axis=1).max()
+        modes = shifted
+        if step < CONVERGED:
+            break
+    modes = _distinct(modes[np.argsort(-density)], 2 * bandwidth)
+    nearest = ((modes**2).sum(axis=1) - 2 * every @ modes.T).argmin(axis=1)
+    return np.unique(nearest, return_inverse=True)[1]
 
 
 def absorb_small(
@@ -64,18 +64,22 @@ def absorb_small(
     return np.unique(labels, return_inverse=True)[1]
 
 
-def _kernel(a: Tensor, b: Tensor, bandwidth: float) -> Tensor:
+def _kernel(a: Array, b: Array, bandwidth: float) -> Array:
     """exp(-|a_i - b_j|^2 / 2 h^2), (len(a), len(b))."""
-    d2 = (a * a).sum(1, keepdim=True) + (b * b).sum(1) - 2 * a @ b.T
-    return d2.clamp_min_(0).mul_(-0.5 / bandwidth**2).exp_()
+    exponent = a @ b.T
+    exponent -= 0.5 * (a**2).sum(axis=1)[:, None]
+    exponent -= 0.5 * (b**2).sum(axis=1)
+    exponent /= bandwidth**2
+    np.minimum(exponent, 0, out=exponent)
+    return np.exp(exponent, out=exponent)
 
 
-def _distinct(modes: Tensor, radius: float) -> Tensor:
+def _distinct(modes: Array, radius: float) -> Array:
     """Keep the modes, densest first, that are farther than `radius` from every one kept before."""
-    near = torch.cdist(modes, modes) <= radius
-    left, kept = torch.ones(len(modes), dtype=torch.bool), []
+    near = cdist(modes, modes) <= radius
+    left, kept = np.ones(len(modes), bool), []
     while left.any():
-        first = int(left.int().argmax())
+        first = int(left.argmax())
         kept.append(first)
         left &= ~near[first]
     return modes[kept]

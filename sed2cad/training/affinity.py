@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from sed2cad.network.affinity import PAIR_NEIGHBOURS, PairNet, pair_features
-from sed2cad.network.features import local_features
+from sed2cad.network.affinity import PairNet
+from sed2cad.network.features import PAIR_NEIGHBOURS, local_features, pair_features
 from sed2cad.training.samples import load_sample
 
 WIDTH = 128
@@ -51,8 +51,6 @@ def _pairs_of(parts: Sequence[Path], rng: np.random.Generator) -> tuple[Tensor, 
         n, count = len(sample.points), min(PAIRS, len(sample.points))
         i = rng.integers(0, n, count)
         j = sample.neighbours[0, i, rng.integers(1, PAIR_NEIGHBOURS + 1, count)].astype(np.int64)
-        near = torch.from_numpy(sample.neighbours.astype(np.int64))
-        features = local_features(torch.from_numpy(sample.points), torch.from_numpy(sample.normals), near)
-        pairs.append(pair_features(features, torch.from_numpy(i), torch.from_numpy(j)))
+        pairs.append(pair_features(local_features(sample.points, sample.normals, sample.neighbours), i, j))
         same.append(sample.patch[i] == sample.patch[j])
-    return torch.cat(pairs), torch.from_numpy(np.concatenate(same)).float()
+    return torch.from_numpy(np.concatenate(pairs)), torch.from_numpy(np.concatenate(same)).float()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.network.splinenet import CONTROLS, spline_basis
+from sed2cad.network.spline_frame import CONTROLS, spline_basis
 
 _WAVES = 3  # frequencies
 

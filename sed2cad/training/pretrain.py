@@ -54,14 +54,13 @@ def _points_of(parts: Sequence[Path], rng: np.random.Generator) -> tuple[Tensor,
     for path in parts:
         sample = load_sample(path, (_KEY,), ROWS)
         motion = random_motion(rng)
-        points = torch.from_numpy(sample.points @ motion.T)
-        normals = functional.normalize(torch.from_numpy(sample.normals @ motion.T), dim=1)
-        near = torch.from_numpy(sample.neighbours[:, :ROWS].astype(np.int64))
-        features.append(local_features(points, normals, near))
+        normals = sample.normals @ motion.T
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        features.append(local_features(sample.points @ motion.T, normals, sample.neighbours[:, :ROWS]))
         types.append(sample.type[:ROWS])
         edges.append(sample.edge)
     return (
-        torch.cat(features),
+        torch.from_numpy(np.concatenate(features)),
         torch.from_numpy(np.concatenate(types)).long(),
         torch.from_numpy(np.concatenate(edges)).long(),
     )

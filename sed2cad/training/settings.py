@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from sed2cad.network.architecture import Architecture
 from sed2cad.network.graph import MAX_POINTS
-from sed2cad.network.sednet import Architecture
 from sed2cad.training.losses import EDGE_WEIGHT
 
 

@@ -14,7 +14,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from sed2cad.network.splinenet import POINTS, SplineNet, patch_frame, spline_basis
+from sed2cad.network.spline_frame import POINTS, patch_frame, spline_basis
+from sed2cad.network.splinenet import SplineNet
 from sed2cad.network.types import BSPLINE
 from sed2cad.network.weights import load_splinenet, save_splinenet
 from sed2cad.primitives.unroll import unrolled

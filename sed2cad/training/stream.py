@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from sed2cad.network.batch import Batch, Cloud, stack
+from sed2cad.network.batch import Batch, stack
+from sed2cad.network.graph import Cloud
 from sed2cad.training.augment import random_motion
 from sed2cad.training.losses import Target
 from sed2cad.training.samples import Sample, load_sample

@@ -16,7 +16,7 @@ from safetensors.torch import load_file, save_file
 from sed2cad.evaluation.segmentation import score_network
 from sed2cad.network.affinity import PairNet
 from sed2cad.network.sednet import SedNet
-from sed2cad.network.weights import load_weights, save_weights
+from sed2cad.network.weights import labeller_of, load_weights, save_weights
 from sed2cad.training.affinity import WIDTH, train_affinity
 from sed2cad.training.dataset import packed_parts
 from sed2cad.training.losses import losses
@@ -151,7 +151,7 @@ class _Run:
         if not self.team.leads:
             return
         save_weights(self.network, self.out / "last.safetensors")
-        scores = score_network(self.held_out[: self.settings.validation_parts], self.network.eval())
+        scores = score_network(self.held_out[: self.settings.validation_parts], labeller_of(self.network))
         self.network.to(self.team.device).train()
         value = scores.type_accuracy + scores.p_miou_strict + scores.p_miou_large
         if value > self.best:

@@ -14,7 +14,8 @@ from sed2cad.evaluation.ablation import (
     rows_of,
     run_ablation,
 )
-from sed2cad.network.sednet import Architecture, SedNet
+from sed2cad.network.architecture import Architecture
+from sed2cad.network.sednet import SedNet
 from sed2cad.network.weights import load_weights, save_weights
 from tests.evaluation.clouds import box
 

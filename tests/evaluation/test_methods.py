@@ -9,9 +9,11 @@ from sed2cad.evaluation.metrics import match_patches
 from sed2cad.evaluation.scores import ClassCounts, Seconds, score, summarise
 from sed2cad.evaluation.segmentation import SegmentationSettings, score_part
 from sed2cad.evaluation.trial import cloud_of, make_trial
+from sed2cad.network.architecture import Architecture
 from sed2cad.network.graph import MAX_POINTS
-from sed2cad.network.sednet import Architecture, SedNet
+from sed2cad.network.sednet import SedNet
 from sed2cad.network.types import BSPLINE, PLANE, SPHERE, TORUS
+from sed2cad.network.weights import labeller_of
 from sed2cad.primitives.base import Patch
 from tests.evaluation.clouds import box, cube
 
@@ -105,7 +107,7 @@ def test_a_network_without_torus_is_scored_without_torus(tmp_path, monkeypatch):
     settings = SegmentationSettings((NETWORK,), 600)
     shape = Architecture((8, 8, 8), 16, 16, 8, 4, 8, 1, 8, 2)
     for torus, right in ((True, 0), (False, 1)):
-        row = score_part(path, settings, SedNet(replace(shape, torus=torus)))[0]
+        row = score_part(path, settings, labeller_of(SedNet(replace(shape, torus=torus))))[0]
         assert (row.error, row.type_accuracy, row.t_miou) == ("", right, right)
         assert row.classes[TORUS].points == (600 if torus else 0)
 

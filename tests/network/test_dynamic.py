@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from sed2cad.network.batch import Cloud, stack
+from sed2cad.network.architecture import Architecture
+from sed2cad.network.batch import stack
 from sed2cad.network.dynamic import feature_neighbours, normal_neighbours
-from sed2cad.network.graph import neighbour_graph
+from sed2cad.network.graph import Cloud, neighbour_graph
 from sed2cad.network.predict import predict
-from sed2cad.network.sednet import Architecture, SedNet
+from sed2cad.network.sednet import SedNet
 from sed2cad.network.types import BSPLINE, TORUS, from_paper, paper_class
+from sed2cad.network.weights import labeller_of
 
 
 def test_feature_neighbours_stay_in_their_cloud():
@@ -45,7 +47,7 @@ def test_the_papers_network_predicts_our_types():
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     shape = Architecture(local_width=0, transformer_layers=0, torus=False, dynamic=16)
     network = SedNet(replace(shape, widths=(16, 16, 32), global_width=64))
-    labels = predict(normals, normals, network)
+    labels = predict(normals, normals, labeller_of(network))
     assert labels.types.shape == (300, 6)
     np.testing.assert_allclose(labels.types.sum(1), 1, rtol=1e-5)
     assert (labels.types[:, TORUS] <= labels.types[:, BSPLINE] + 1e-6).all()

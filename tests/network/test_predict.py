@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 import torch
 
-from sed2cad.network.affinity import PairNet, pair_features
-from sed2cad.network.features import FEATURES
+from sed2cad.network.architecture import Architecture
 from sed2cad.network.predict import predict, to_unit_frame
-from sed2cad.network.sednet import Architecture, SedNet
+from sed2cad.network.sednet import SedNet
+from sed2cad.network.weights import labeller_of
 
 
 @pytest.fixture(scope="module")
 def network():
     torch.manual_seed(0)
-    return SedNet(Architecture(affinity_width=16)).eval()
+    return labeller_of(SedNet(Architecture(affinity_width=16)))
 
 
 def box(n, seed=0):
@@ -69,17 +69,9 @@ def test_input_is_left_alone(network):
 def test_ablations_run():
     points, normals = box(300)
     plain = Architecture(local_width=0, transformer_layers=0, early_fusion=False, late_fusion=False)
-    assert predict(points, normals, SedNet(plain)).types.shape == (300, 6)
+    assert predict(points, normals, labeller_of(SedNet(plain))).types.shape == (300, 6)
 
 
 def test_unit_frame():
     points = to_unit_frame(np.array([[0.0, 0, 0], [10, 4, 2]]))
     np.testing.assert_allclose(points, [[-0.5, -0.2, -0.1], [0.5, 0.2, 0.1]], atol=1e-7)
-
-
-def test_pair_features_do_not_know_which_point_comes_first():
-    torch.manual_seed(0)
-    features = torch.randn(20, FEATURES)
-    i, j = torch.arange(10), torch.arange(10, 20)
-    torch.testing.assert_close(pair_features(features, i, j), pair_features(features, j, i))
-    assert PairNet(8)(pair_features(features, i, j)).shape == (10,)

@@ -6,9 +6,12 @@ import torch
 from scipy.interpolate import BSpline
 
 from sed2cad.errors import WeightsError
-from sed2cad.network.predict_net import predicted_net, predicted_starts
-from sed2cad.network.splinenet import CONTROLS, SplineNet, SplineShape, patch_frame, spline_basis, spline_knots
-from sed2cad.network.weights import SHIPPED, SHIPPED_SPLINENET, load_splinenet, save_splinenet
+from sed2cad.network.architecture import SplineShape
+from sed2cad.network.predict_net import control_net, predicted_net, predicted_starts
+from sed2cad.network.spline_frame import CONTROLS, patch_frame, spline_basis, spline_knots
+from sed2cad.network.splinenet import SplineNet
+from sed2cad.network.stored import SHIPPED, SHIPPED_SPLINENET
+from sed2cad.network.weights import layers_of, load_splinenet, save_splinenet
 from sed2cad.primitives.net_fit import fit_net
 from tests.primitives.sheets import hose
 from tests.primitives.test_bspline import wave
@@ -62,11 +65,20 @@ def test_an_untrained_network_predicts_a_plane_and_a_tube():
     for head in network.heads:
         torch.nn.init.zeros_(head[-1].weight)
     points, normals = wave(300)
-    sheet = predicted_net(points, normals, False, network)
+    sheet = predicted_net(points, normals, False, layers_of(network))
     assert np.ptp((sheet.net.reshape(-1, 3) - sheet.net.mean((0, 1))) @ np.linalg.svd(points)[2][2]) < 0.1
-    tube = predicted_net(points, normals, True, network)
+    tube = predicted_net(points, normals, True, layers_of(network))
     ends = tube.at(np.array([[0.0, 0.5], [1.0, 0.5]]))
     assert tube.closed and ends[0] == pytest.approx(ends[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_at_work_it_is_the_network_that_was_trained(closed):
+    torch.manual_seed(0)
+    network, points = SplineNet(SMALL), torch.randn(40, 6)
+    with torch.no_grad():
+        expected = network(points[None], closed)[0].numpy()
+    np.testing.assert_allclose(control_net(layers_of(network), points.numpy(), closed), expected, atol=1e-5)
 
 
 @pytest.mark.skipif(not SHIPPED_SPLINENET.exists(), reason="no weights in this tree")

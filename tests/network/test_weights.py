@@ -4,8 +4,11 @@ from safetensors.torch import save_file
 
 from sed2cad.errors import WeightsError
 from sed2cad.network.affinity import PairNet
-from sed2cad.network.sednet import Architecture, SedNet
-from sed2cad.network.weights import SHIPPED, load_weights, save_weights
+from sed2cad.network.architecture import Architecture
+from sed2cad.network.labeller import Labeller
+from sed2cad.network.sednet import SedNet
+from sed2cad.network.stored import SHIPPED
+from sed2cad.network.weights import load_weights, save_weights
 
 SMALL = Architecture((8, 8, 8), 16, 16, 8, 4, 8, 1, 8, 2)
 
@@ -62,11 +65,12 @@ def missing(path):
 
 
 @pytest.mark.parametrize("spoil", [damaged, text, other_network, other_shape, not_finite, missing])
-def test_bad_file_is_refused_in_one_sentence(tmp_path, spoil):
+@pytest.mark.parametrize("load", [load_weights, Labeller.load])
+def test_bad_file_is_refused_in_one_sentence(tmp_path, spoil, load):
     path = tmp_path / "w.safetensors"
     spoil(path)
     with pytest.raises(WeightsError) as error:
-        load_weights(path)
+        load(path)
     message = str(error.value)
     assert str(path) in message
     assert message.endswith(".")

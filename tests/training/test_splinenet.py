@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from sed2cad.network.splinenet import CONTROLS, spline_basis
+from sed2cad.network.spline_frame import CONTROLS, spline_basis
 from sed2cad.training.__main__ import main
 from sed2cad.training.cad import label_part
 from sed2cad.training.made_sheets import made_sheet

@@ -10,8 +10,9 @@ import torch
 
 from sed2cad.evaluation import trial
 from sed2cad.evaluation.segmentation import score_network
-from sed2cad.network.sednet import Architecture, SedNet
-from sed2cad.network.weights import load_weights, save_weights
+from sed2cad.network.architecture import Architecture
+from sed2cad.network.sednet import SedNet
+from sed2cad.network.weights import labeller_of, load_weights, save_weights
 from sed2cad.training import parallel
 from sed2cad.training.__main__ import main
 from sed2cad.training.labelled_part import EDGE_UNIT, LabelledPart
@@ -77,7 +78,7 @@ def test_three_steps_then_resume_then_export(data, tmp_path):
     exported = load_weights(tmp_path / "out.safetensors")
     assert exported.affinity is not None
     torch.testing.assert_close(exported.local.mean, first.local.mean, atol=1e-2, rtol=1e-2)
-    scores = score_network(sorted(data.glob("*.npz"))[:2], exported, noise=0.01)
+    scores = score_network(sorted(data.glob("*.npz"))[:2], labeller_of(exported), noise=0.01)
     assert scores.parts == 2
     assert 0 <= scores.p_miou_strict <= scores.p_miou <= 1
 
