@@ -7,7 +7,7 @@ edge that two patches would have lies cut off behind a strip between them, the s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -26,7 +26,9 @@ _CLOSE = 0.5  # spacings: face samples this close to an edge give way to it
 _STRIP_REACH = 8.0  # spacings: gaps in a strip are bridged up to twice this
 _GAP = 16.0  # spacings: the longest gap in an edge that is filled
 _WIDE = 1.8  # spacings: the shortest
-_ROUNDS = 4  # each halves the gaps
+_OWN_REACH = 3.0  # spacings: so near to a sample that fills a gap lies one of a face
+_AROUND = 32  # edge samples around it that tell which patches meet there
+_ROUNDS = 6  # each halves the gaps
 _CUT_OFF = 0.1  # spacings: how far behind a strip an edge must lie
 
 
@@ -66,26 +68,59 @@ def edge_samples(faces: Samples, fitted: Sequence[FittedPatch], spacing: float) 
     bridged = _bridged(edges[cut], strip[cut], found[cut], fitted, spacing)
     edges = thinned(edges[~cut] + bridged, _CELL * spacing)
     for _ in range(_ROUNDS):
-        edges = edges + _in_gaps(edges, faces, fitted, spacing)
+        more = _in_gaps(edges, faces, fitted, spacing)
+        if len(more) == 0:
+            break
+        edges = edges + more
     return edges
 
 
 def _in_gaps(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Samples:
-    """Samples half way between those of one edge that are far apart, unless another patch is nearer."""
+    """Samples half way between those of one edge that are far apart, unless something else lies there."""
     _, group = np.unique(edges.labels, axis=0, return_inverse=True)
     apart = np.column_stack([edges.points, 10.0 * group.reshape(-1)])  # groups never mix
     tree = cKDTree(apart)
-    distance, near = tree.query(apart, k=4, distance_upper_bound=_GAP * spacing)
-    first, rank = np.nonzero(np.isfinite(distance) & (distance > _WIDE * spacing))
-    second = near[first, rank]
-    first, second, size = first[first < second], second[first < second], distance[first, rank][first < second]
+    first, second = tree.query_pairs(_GAP * spacing, output_type="ndarray").T
+    size = np.linalg.norm(edges.points[first] - edges.points[second], axis=1)
+    wide = size > _WIDE * spacing
+    first, second, size = first[wide], second[wide], size[wide]
     middle = (edges.points[first] + edges.points[second]) / 2
     alone, _ = tree.query(np.column_stack([middle, apart[first, 3]]))
     open_ = alone > 0.45 * size
-    first, middle, size = first[open_], middle[open_], size[open_]
-    places = Meetings(middle, edges.labels[first], 0.35 * size, edges.convex[first])
-    added, _ = joined(places, fitted, spacing)
-    return added[_owned(added, faces, 3 * spacing)] if len(added) else added
+    places = Meetings(middle[open_], edges.labels[first[open_]], size[open_], edges.convex[first[open_]])
+    places = places[~_interrupted(places, edges)]
+    added, _ = joined(replace(places, size=0.35 * places.size), fitted, spacing)
+    return thinned(added[_beside(added, edges, faces, _OWN_REACH * spacing)], 0.5 * _CELL * spacing)
+
+
+def _interrupted(places: Meetings, edges: Samples) -> Mask:
+    """Whether both patches of each place (n,) in a gap of their edge meet a third one in that gap."""
+    one, two = _third_patches(places.points, places.sides, edges, places.size / 2)
+    return np.asarray(((one[:, :, None] == two[:, None]) & (one[:, :, None] >= 0)).any(axis=(1, 2)))
+
+
+def _beside(added: Samples, edges: Samples, faces: Samples, reach: float) -> Mask:
+    """Whether the face sample nearest to each edge sample (n,) is within reach and of one of its patches, or of one
+    that meets just one of them there: a strip with few points then lies between the edge and the patch."""
+    distance, nearest = cKDTree(faces.points).query(added.points, workers=-1)
+    other = faces.labels[nearest, 0]
+    one, two = _third_patches(added.points, added.labels, edges, np.full(len(added), reach))
+    over_a_strip = (one == other[:, None]).any(axis=1) != (two == other[:, None]).any(axis=1)
+    own = (added.labels == other[:, None]).any(axis=1)
+    return np.asarray((own | over_a_strip) & (distance < reach))
+
+
+def _third_patches(points: Array, sides: Labels, edges: Samples, reach: Array) -> tuple[Labels, Labels]:
+    """Patches (n, k), -1 for none, whose edge with the first and with the second of two `sides` (n, 2) comes within
+    reach (n,) of each of the points (n, 3)."""
+    distance, near = cKDTree(edges.points).query(points, k=list(range(1, min(_AROUND, len(edges)) + 1)))
+    around = edges.labels[near]
+    here = (distance < reach[:, None]) & (around != sides[:, None]).any(axis=2)
+    one, two = (
+        np.where(here & (around == side[:, None, None]).any(axis=2), around.sum(axis=2) - side[:, None], -1)
+        for side in sides.T
+    )
+    return one, two
 
 
 def meetings(faces: Samples, spacing: float) -> Meetings:
@@ -123,10 +158,10 @@ def joined(found: Meetings, fitted: Sequence[FittedPatch], spacing: float) -> tu
     return Samples(points[kept], found.sides[kept], normals[kept], found.convex[kept]), kept
 
 
-def _owned(edges: Samples, faces: Samples, reach: float = np.inf) -> Mask:
-    """Whether the face sample nearest to each edge sample (n,) is of one of its patches, and within reach."""
-    distance, nearest = cKDTree(faces.points).query(edges.points, workers=-1)
-    return np.asarray((faces.labels[nearest, :1] == edges.labels).any(axis=1) & (distance < reach))
+def _owned(edges: Samples, faces: Samples) -> Mask:
+    """Whether the face sample nearest to each edge sample (n,) is of one of its patches."""
+    _, nearest = cKDTree(faces.points).query(edges.points, workers=-1)
+    return np.asarray((faces.labels[nearest, :1] == edges.labels).any(axis=1))
 
 
 def strips_between(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Labels:
