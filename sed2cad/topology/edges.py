@@ -26,7 +26,7 @@ _CLOSE = 0.5  # spacings: face samples this close to an edge give way to it
 _STRIP_REACH = 8.0  # spacings: gaps in a strip are bridged up to twice this
 _GAP = 16.0  # spacings: the longest gap in an edge that is filled
 _WIDE = 1.8  # spacings: the shortest
-_OWN_REACH = 3.0  # spacings: so near to a sample that fills a gap lies one of a face
+_OWN_REACH = 3.0  # spacings: so near to a sample that fills a narrow gap lies one of a face
 _AROUND = 32  # edge samples around it that tell which patches meet there
 _ROUNDS = 6  # each halves the gaps
 _CUT_OFF = 0.1  # spacings: how far behind a strip an edge must lie
@@ -89,8 +89,9 @@ def _in_gaps(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spac
     open_ = alone > 0.45 * size
     places = Meetings(middle[open_], edges.labels[first[open_]], size[open_], edges.convex[first[open_]])
     places = places[~_interrupted(places, edges)]
-    added, _ = joined(replace(places, size=0.35 * places.size), fitted, spacing)
-    return thinned(added[_beside(added, edges, faces, _OWN_REACH * spacing)], 0.5 * _CELL * spacing)
+    added, kept = joined(replace(places, size=0.35 * places.size), fitted, spacing)
+    reach = np.maximum(_OWN_REACH * spacing, places.size[kept])
+    return thinned(added[_beside(added, edges, faces, reach)], 0.5 * _CELL * spacing)
 
 
 def _interrupted(places: Meetings, edges: Samples) -> Mask:
@@ -99,12 +100,12 @@ def _interrupted(places: Meetings, edges: Samples) -> Mask:
     return np.asarray(((one[:, :, None] == two[:, None]) & (one[:, :, None] >= 0)).any(axis=(1, 2)))
 
 
-def _beside(added: Samples, edges: Samples, faces: Samples, reach: float) -> Mask:
-    """Whether the face sample nearest to each edge sample (n,) is within reach and of one of its patches, or of one
+def _beside(added: Samples, edges: Samples, faces: Samples, reach: Array) -> Mask:
+    """Whether the face sample nearest to each edge sample (n,) is within reach (n,) and of one of its patches, or one
     that meets just one of them there: a strip with few points then lies between the edge and the patch."""
     distance, nearest = cKDTree(faces.points).query(added.points, workers=-1)
     other = faces.labels[nearest, 0]
-    one, two = _third_patches(added.points, added.labels, edges, np.full(len(added), reach))
+    one, two = _third_patches(added.points, added.labels, edges, reach)
     over_a_strip = (one == other[:, None]).any(axis=1) != (two == other[:, None]).any(axis=1)
     own = (added.labels == other[:, None]).any(axis=1)
     return np.asarray((own | over_a_strip) & (distance < reach))

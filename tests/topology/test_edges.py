@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sed2cad.primitives.base import FittedPatch, Patch
@@ -35,9 +37,8 @@ def grooved(bare: float) -> tuple[Scan, list[FittedPatch]]:
 
 
 def _of(patch: FittedPatch, indices: np.ndarray) -> FittedPatch:
-    return FittedPatch(
-        Patch(indices, patch.patch.kind, np.ones(len(indices), bool)), patch.primitive, patch.sign, 0.0, patch.covariance
-    )
+    own = Patch(indices, patch.patch.kind, np.ones(len(indices), bool))
+    return replace(patch, patch=own)
 
 
 def _seen(scan: Scan, fitted: list[FittedPatch]) -> tuple[Scan, list[FittedPatch]]:
