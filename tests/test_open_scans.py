@@ -39,7 +39,7 @@ def test_the_shell_is_open_where_the_scan_ends(open_bracket: CadModel, tmp_path:
     assert np.isnan(report.volume)
     outer, bore = sorted(report.boundaries, key=lambda boundary: -boundary.length)
     assert outer.length == pytest.approx(200, rel=0.02) and bore.length == pytest.approx(10 * np.pi, rel=0.02)
-    assert outer.centre == pytest.approx((30, 20, 0), abs=0.5) and len(outer.faces) == 4
+    assert outer.centre == pytest.approx((30, 20, 0), abs=0.1) and len(outer.faces) == 4
     assert bore.faces[0].startswith("cylinder")
     assert report.deviation.rms < 1e-3  # of the points that were measured
     assert any("the shell is open where it ends" in warning for warning in report.warnings)

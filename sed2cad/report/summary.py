@@ -75,13 +75,16 @@ def _boundaries(assembly: Assembly, names: tuple[str, ...], frame: Frame) -> tup
     """The loops that the faces which were left out had."""
     topology = assembly.topology
     found = []
-    for loop in (loop for region in topology.regions if region.primitive in assembly.open_at for loop in region.loops):
+    left_out = [region for region in topology.regions if region.primitive in assembly.open_at]
+    for surface, loop in ((assembly.fitted[r.primitive].primitive, loop) for r in left_out for loop in r.loops):
         chains = [topology.chains[chain] for chain, _ in loop]
         beside = [chain.right if direction > 0 else chain.left for chain, (_, direction) in zip(chains, loop)]
         along = dict.fromkeys(names[topology.regions[number].primitive] for number in beside)
-        points = frame.to_world(np.vstack([chain.points for chain in chains]))
-        x, y, z = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
-        found.append(Boundary(tuple(along), frame.scale * sum(length(c.points, c.closed) for c in chains), (x, y, z)))
+        ways = [frame.to_world(surface.project(chain.points)) for chain in chains]
+        low, high = (end([end(way, axis=0) for way in ways], axis=0) for end in (np.min, np.max))
+        x, y, z = ((low + high) / 2).tolist()
+        whole = sum(length(way, chain.closed) for way, chain in zip(ways, chains))
+        found.append(Boundary(tuple(along), whole, (x, y, z)))
     return tuple(found)
 
 
