@@ -24,6 +24,7 @@ _TINY = 0.012  # so may the ends of shorter chains
 _SAME = 5e-4  # solved corners closer than this are one
 _SLIVER = 1e-3  # a narrower face would close up if its short ends were contracted
 _FAR = 0.03  # a merged corner moves less than this
+_COINCIDENCE = 1e-9  # unit frame: four surfaces do not come so near to one point by chance
 _SURE = 1e-5  # corners that were traced as near as this are those of a CAD system's mesh
 
 
@@ -81,7 +82,11 @@ class CornerClusters:
         fits = merged.misfit < (_CLOSE_FIT if self._as_traced(k, a, b) else _FIT)
         if apart < _SAME:
             merged = merged if fits else self.solved[a]
-        elif not (self._crossed(k, a, b, apart, merged) or (fits and self._close(k, apart, merged))):
+        elif not (
+            self._crossed(k, a, b, apart, merged)
+            or (fits and self._close(k, apart, merged))
+            or self._all_meet(a, b, merged)
+        ):
             return False
         self._join(k, a, b, merged)
         return True
@@ -106,6 +111,12 @@ class CornerClusters:
         way = chain.points[-1] - chain.points[0]
         backwards = (self.solved[b].position - self.solved[a].position) @ way < 0
         return bool(backwards and apart < _FAR and merged.misfit < 4 * _FIT)
+
+    def _all_meet(self, a: int, b: int, merged: Corner) -> bool:
+        """Whether the surfaces of two corners all meet where one of these is, which is no coincidence: the other one
+        lies where they meet again."""
+        off = min(float(np.linalg.norm(merged.position - self.solved[corner].position)) for corner in (a, b))
+        return max(merged.misfit, off) < _COINCIDENCE and merged.moved < _FAR
 
     def _join(self, k: int, a: int, b: int, merged: Corner) -> None:
         self._parent[b] = a

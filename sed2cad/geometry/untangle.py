@@ -2,7 +2,7 @@
 
 A mesh resolves nothing below its edge length. Where its corner cannot lie on all of its surfaces, it is
 split; where the solved ends of a short chain have passed each other or there are none, the other two faces are in
-touch instead.
+touch instead. A fillet that runs out a little before the faces at its end goes on to them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from sed2cad.geometry.contact import Meeting, Side
 from sed2cad.geometry.corners import Corner, solve_corner
 from sed2cad.geometry.curves import Array
 from sed2cad.geometry.web import Web
+from sed2cad.primitives.cylinder import Cylinder
+from sed2cad.primitives.torus import Torus
 from sed2cad.topology.model import Topology
 
 _FIT = 2e-3  # unit frame: a corner that misses its surfaces by less stays as it is
@@ -46,10 +48,13 @@ def untangled(topology: Topology, sides: Sequence[Side], meetings: Sequence[Meet
     """The topology with its impossible corners split and its crossed short chains turned over."""
     web = Web(topology)
     smooth = {k for k, how in enumerate(meetings) if how != "crossing"}
+    touching = {k for k, how in enumerate(meetings) if how == "touching"}
     for _ in range(_ROUNDS):
         before = web
         for corner in range(len(web.corners)):
             web = _split_if_impossible(web, corner, sides, smooth)
+        for k in range(len(web.chains)):
+            web = _continued(web, k, sides, touching)
         for k in range(len(web.chains)):
             web = _turned_over(web, k, sides, smooth)
         if web is before:
@@ -100,6 +105,33 @@ def _turned_over(web: Web, k: int, sides: Sequence[Side], smooth: set[int]) -> W
     if not regions or _solved(merged, chain.start, regions, sides).residual < least:
         return web
     return _simplest(web, [_mended(merged, chain.start, sides)], most)
+
+
+def _continued(web: Web, k: int, sides: Sequence[Side], touching: set[int]) -> Web:
+    """The web with the fillet that ends at a short chain, between the faces that it touches, going on along it: a
+    fillet has one radius and does not run out."""
+    if k in web.dead or k in touching or not _is_short(web, k):
+        return web
+    chain = web.chains[k]
+    for corner in (chain.start, chain.end):
+        turn = web.turn(corner)
+        fillets = [region for _, region in turn if region not in (chain.left, chain.right)]
+        if len(turn) == 3 and len(fillets) == 1 and all(ray[0] in touching for ray, _ in turn if ray[0] != k):
+            if isinstance(sides[web.primitive(fillets[0])].primitive, Cylinder | Torus):
+                return _spread(web.contracted(k), chain.start, fillets[0], sides)
+    return web
+
+
+def _spread(web: Web, corner: int, region: int, sides: Sequence[Side]) -> Web:
+    """The web with a region in touch with all others around a corner."""
+    while len(turn := [other for _, other in web.turn(corner)]) > 3 and turn.count(region) == 1:
+        first = turn.index(region)
+        between, second = ((first + k) % len(turn) for k in (1, 2))
+        here, there = [region, turn[between], turn[second]], turn[:between] + turn[between + 1 :]
+        at, away = (_solved(web, corner, regions, sides).position for regions in (here, there))
+        web = web.split(corner, first, second, at, away)
+        corner = len(web.corners) - 1
+    return web
 
 
 def _is_plain(turn: Sequence[tuple[tuple[int, int], int]], smooth: set[int], least: int) -> bool:

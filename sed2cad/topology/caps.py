@@ -17,7 +17,7 @@ from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.revolution import Revolution
 from sed2cad.primitives.torus import Torus
-from sed2cad.primitives.vectors import root_mean_square, tangent_frame
+from sed2cad.primitives.vectors import about_axis, root_mean_square, tangent_frame
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.labelling import Adjacency
 from sed2cad.topology.mincut import Labels
@@ -45,6 +45,7 @@ class Cap:
     triangles: Labels
     beyond: int  # which way (1 | -1) along the plane's normal it might lie farther: nobody saw it,
     gap: float  # and by how much: what chance leaves between the last point of the wall and its end
+    known: int = -1  # number of the patch, where it is a given one
 
     @property
     def plane(self) -> Plane:
@@ -99,10 +100,28 @@ def missing_cap(
         if found is not None:
             plane, triangles, beyond = found
             triangles = _in_one(near, region == index, triangles)
+            beside = _beside(near, triangles, region, topology)
+            known = next((label for label in beside if _is_tip(scan, primitive, fitted[label].primitive)), -1)
+            if known >= 0:
+                return Cap(fitted[known], triangles, beyond, 0.0, known)
             patch = _as_patch(plane, scan, np.flatnonzero(np.isin(triangle, triangles)))
             unseen = len(wall) > 0 and len(patch.patch.indices) == 0
             return Cap(patch, triangles, beyond, _END_GAP * float(np.ptp(wall)) / len(wall) if unseen else 0.0)
     return None
+
+
+def _beside(near: Adjacency, triangles: Labels, region: Labels, topology: Topology) -> list[int]:
+    """The patches beside some triangles, whose regions (f,) are given."""
+    sides = np.isin(near.pairs, triangles)
+    outside = region[near.pairs[sides[:, ::-1] & ~sides]]
+    return [topology.regions[number].primitive for number in np.unique(outside).tolist()]
+
+
+def _is_tip(scan: Scan, wall: Cylinder | Cone, other: Primitive) -> bool:
+    """Whether a surface beside the end of a wall closes it there, as a drill's tip does a bore."""
+    if not isinstance(other, Cone) or abs(other.axis @ wall.axis) < _PARALLEL:
+        return False
+    return float(about_axis(other.apex[None], _origin(wall), wall.axis)[1][0]) < 2 * scan.noise + _ON * scan.spacing
 
 
 def levelled(caps: Sequence[Cap], mesh: Mesh) -> list[FittedPatch]:

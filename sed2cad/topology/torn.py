@@ -1,8 +1,9 @@
-"""Strips between two heights that a proxy mesh tears: the faces on both sides meet, and no edge can lie on both."""
+"""Strips that a proxy mesh tears: the faces on both sides meet over the gap, and a chamfer or a step ends there."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,14 +14,29 @@ from sed2cad.topology.chains import border_of, cycles, pieces
 from sed2cad.topology.labelling import Adjacency
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.regions import connected
-from sed2cad.topology.walls import rise_at
 
-_BETWEEN = 0.75  # heights: so near to the strip's surface lies the border that it was torn at
+_BETWEEN = 0.75  # widths: so near to the strip's surface lies the border that it was torn at
+
+
+@dataclass(frozen=True)
+class Strip:
+    """How long and how wide the regions of a label are if they are strips."""
+
+    length: float
+    width: float
+
+    @classmethod
+    def of(cls, mesh: Mesh, near: Adjacency, labels: Labels, label: int) -> Strip:
+        """Its two long sides are nearly all of its border."""
+        own = labels == label
+        length = float(near.length[own[near.pairs[:, 0]] != own[near.pairs[:, 1]]].sum()) / 2
+        area = float(mesh.face_normals()[1][own].sum())
+        return cls(length, area / max(length, 1e-300))
 
 
 def strips_closed(scan: Scan, fitted: Sequence[FittedPatch], mesh: Mesh, near: Adjacency, labels: Labels) -> Labels:
-    """Labels (f,) in which a strip goes on along each border that begins and ends at it, if the two faces there lie at
-    different heights and chance leaves such a gap between its points."""
+    """Labels (f,) in which a strip goes on along each border that begins and ends at it, if chance leaves such a gap
+    between its points and something is left of the faces on both sides."""
     region = connected(labels, near)[1]
     border = border_of(mesh, region)
     found = labels.copy()
@@ -30,12 +46,12 @@ def strips_closed(scan: Scan, fitted: Sequence[FittedPatch], mesh: Mesh, near: A
         if not border.at_corner(piece[0]) or left >= right:
             continue
         vertices = np.array([*map(border.origin, piece), border.origin(int(border.twin[piece[-1]]))])
-        points = mesh.vertices[vertices]
-        rise = abs(rise_at(scan, fitted[left], fitted[right], points))
-        strip = _at_both_ends(mesh, labels, (left, right), vertices) if rise else -1
-        if strip >= 0 and _goes_on(scan, fitted[strip], rise, points):
+        label = _at_both_ends(mesh, labels, (left, right), vertices)
+        if label >= 0 and _goes_on(scan, fitted[label], Strip.of(mesh, near, labels, label), mesh.vertices[vertices]):
             around = np.isin(mesh.faces, vertices).any(axis=1)
-            found[around & np.isin(region, region[list(triangles)])] = strip
+            sides = [region == region[triangle] for triangle in triangles]
+            if all((own & ~around).any() for own in sides):
+                found[around & (sides[0] | sides[1])] = label
     return found
 
 
@@ -46,10 +62,10 @@ def _at_both_ends(mesh: Mesh, labels: Labels, sides: tuple[int, int], vertices: 
     return int(first[0]) if len(first) == 1 and np.array_equal(first, last) else -1
 
 
-def _goes_on(scan: Scan, strip: FittedPatch, rise: float, points: Array) -> bool:
+def _goes_on(scan: Scan, patch: FittedPatch, strip: Strip, points: Array) -> bool:
     """Whether the border, points (n, 3), is a gap in a strip."""
-    own = scan.points[strip.patch.indices]
-    if len(own) == 0 or strip.primitive.freeform:
+    count = len(patch.patch.indices)
+    if count == 0 or patch.primitive.freeform:
         return False
-    off = float(np.median(np.abs(strip.primitive.distance(points))))
-    return off < _BETWEEN * rise and extent(points) < widest_gap(extent(own), len(own))
+    off = float(np.median(np.abs(patch.primitive.distance(points))))
+    return off < _BETWEEN * strip.width and extent(points) < widest_gap(strip.length, count)

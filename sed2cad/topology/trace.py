@@ -82,9 +82,10 @@ def _with_caps(
         if cap is None:
             break
         labels = labels.copy()
-        labels[cap.triangles] = len(fitted) + len(caps)
-        caps.append(cap)
-        costs = np.column_stack([costs, np.abs(cap.plane.distance(mesh.centroids())) / scan.spacing])
+        labels[cap.triangles] = cap.known if cap.known >= 0 else len(fitted) + len(caps)
+        if cap.known < 0:
+            caps.append(cap)
+            costs = np.column_stack([costs, np.abs(cap.plane.distance(mesh.centroids())) / scan.spacing])
         labels = unpinch(mesh, costs, labels)
         topology, region = _topology(mesh, near, labels)
     places = tuple(range(len(fitted), len(fitted) + len(caps)))

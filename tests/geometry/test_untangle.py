@@ -95,6 +95,26 @@ def test_faces_in_touch_that_leave_no_place_for_their_corners_are_parted() -> No
     assert {chain.left, chain.right} in [{c.left, c.right} for c in realised.topology.chains]
 
 
+def test_a_fillet_that_runs_out_early_goes_on_to_the_face_at_its_end() -> None:
+    part = parts.filleted_box(1.0)
+    front, right, top, fillet = 0, 2, 4, 6
+    number = next(k for k, c in enumerate(part.topology.chains) if {c.left, c.right} == {front, fillet})
+    merged = Web(part.topology).contracted(number)
+    corner = part.topology.chains[number].start
+    turn = [region for _, region in merged.turn(corner)]
+    first, second = sorted((turn.index(right), turn.index(top)))
+    inwards = np.array([0.0, 0.01, 0.0])
+    here, there = (inwards, 0 * inwards) if turn[(first + 1) % 4] == fillet else (0 * inwards, inwards)
+    middle = merged.corners[corner]
+    early = merged.split(corner, first, second, middle + here, middle + there).topology()
+    assert {right, top} == {early.chains[-1].left, early.chains[-1].right}
+    realised = realise(early, part.fitted)
+    assert {front, fillet} in [{c.left, c.right} for c in realised.topology.chains]
+    assert {right, top} not in [{c.left, c.right} for c in realised.topology.chains]
+    assert (realised.corner_residuals < 1e-9).all()
+    assert all(edge is not None and edge.residual < 1e-9 for edge in realised.edges)
+
+
 def test_what_fits_stays() -> None:
     for part in (parts.pyramid(), parts.box(), parts.hip_roof()):
         assert mended(part, part.topology).chains == part.topology.chains

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sed2cad.primitives.base import FittedPatch, Patch, Primitive
+from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.sphere import Sphere
@@ -83,6 +84,20 @@ def ring(inner: float, outer: float, height: float, side: int) -> Piece:
         return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, height)])
 
     return Plane(side * Z, side * height), 1, np.pi * (outer**2 - inner**2), points
+
+
+def chamfer(low: tuple[float, float], high: tuple[float, float]) -> Piece:
+    """A cone around z that narrows upwards, between two (radius, height)."""
+    (wide, bottom), (narrow, top) = low, high
+    slope = (wide - narrow) / (top - bottom)
+    apex = np.array([0.0, 0.0, bottom + wide / slope])
+
+    def points(rng: np.random.Generator, count: int) -> Array:
+        angle, radius = 2 * np.pi * rng.random(count), np.sqrt(rng.uniform(narrow**2, wide**2, count))
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), apex[2] - radius / slope])
+
+    area = np.pi * (wide + narrow) * np.hypot(wide - narrow, top - bottom)
+    return Cone(-Z, apex, float(np.arctan(slope))), 1, area, points
 
 
 def box(size: tuple[float, float, float] = (0.7, 0.5, 0.4)) -> list[Piece]:
