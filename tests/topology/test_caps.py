@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
-from sed2cad.scan.scan import Mesh
+from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.topology.caps import Cap, _in_one, levelled, turns
 from sed2cad.topology.labelling import adjacency
 from sed2cad.topology.model import Chain, Region
+from sed2cad.topology.trace import trace
+from tests.topology import scans
 
 
 def strip(columns: int, rows: int) -> tuple[Mesh, np.ndarray]:
@@ -60,3 +65,34 @@ def test_a_fillet_is_not_open_however_its_border_jumps() -> None:
     fillet, bore = (Region(0, (((0, 1),),), at(np.linspace(0, most, 20)), 1.0, 0) for most in (1.5, 6.2))
     assert turns(surface, fillet, [border]) == 0
     assert turns(surface, bore, [border]) == pytest.approx(1)
+
+
+def drilled(points_of_tip: int) -> tuple[Scan, list[FittedPatch]]:
+    """A box with a drill hole, of whose tip the scan shows a few points."""
+    size, radius, floor = np.array([0.7, 0.5, 0.4]), 0.06, -0.05
+    tip = Cone(np.array([0.0, 0, 1]), np.array([0.0, 0, floor - radius / np.sqrt(3)]), np.radians(60))
+
+    def on_tip(rng: np.random.Generator, count: int) -> np.ndarray:
+        angle, out = 2 * np.pi * rng.random(count), radius * np.sqrt(rng.random(count))
+        return np.column_stack([out * np.cos(angle), out * np.sin(angle), tip.apex[2] + out / np.sqrt(3)])
+
+    sides = [
+        scans.rectangle(axis, side, size, radius if (axis, side) == (2, 1) else 0.0)
+        for axis in range(3)
+        for side in (-1, 1)
+    ]
+    scan, fitted = scans.scan_of([*sides, scans.wall(radius, floor, 0.2, -1), (tip, -1, 0.015, on_tip)], 8000)
+    own = fitted[-1].patch.indices
+    lost = own[points_of_tip:]
+    fitted[-1] = replace(fitted[-1], patch=Patch(own[:points_of_tip], "cone", np.ones(points_of_tip, bool)))
+    kept = np.setdiff1d(np.arange(len(scan.points)), lost)
+    return replace(scan, points=scan.points[kept], normals=scan.normals[kept]), fitted
+
+
+def test_a_drill_tip_with_few_points_closes_its_bore() -> None:
+    scan, fitted = drilled(4)
+    traced = trace(scan, fitted)
+    assert len(traced.fitted) == len(fitted) and not traced.caps
+    assert sorted(region.primitive for region in traced.topology.regions) == list(range(8))
+    bore, tip = (next(r for r in traced.topology.regions if r.primitive == k) for k in (6, 7))
+    assert [len(region.loops) for region in (bore, tip)] == [2, 1]
