@@ -19,6 +19,7 @@ from sed2cad.brep.jobs import judge, opened
 from sed2cad.brep.worker import Failure, run_isolated, warm_up
 from sed2cad.completion.complete import Completed
 from sed2cad.errors import AssemblyError
+from sed2cad.geometry.necks import without_necks
 from sed2cad.mending import Flawed, looked_again, mend
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.names import primitive_names
@@ -170,6 +171,7 @@ def _attempt(
     if rung.regular:
         step = settings.round / scan.frame.scale if settings.round else None
         patches, constraints = regularize(scan, patches, topology, step)
+    topology = without_necks(topology, patches)
     faces, edges = len(topology.regions), len(topology.chains)
     done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
     surface = np.vstack([scan.points, traced.proxy.vertices])

@@ -15,6 +15,7 @@ import numpy as np
 from sed2cad.brep.attempt import AssemblyResult, Attempt, Verdict
 from sed2cad.brep.jobs import judge
 from sed2cad.brep.worker import Failure
+from sed2cad.geometry.necks import without_necks
 from sed2cad.geometry.polygons import Cloud
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.bspline_fit import fit_bspline
@@ -137,6 +138,7 @@ def looked_again(scan: Scan, flawed: Flawed, blamed: Sequence[int]) -> Flawed | 
     if again is None:
         return None
     topology, fitted = walled(scan, again.topology, again.fitted)
+    topology = without_necks(topology, fitted)
     return Flawed(replace(flawed.attempt, topology=topology, fitted=tuple(fitted)), again, looked=True)
 
 

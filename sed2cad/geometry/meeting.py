@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sed2cad.geometry.chains import onto_both
@@ -16,6 +18,7 @@ from sed2cad.geometry.contact import (
     touches,
 )
 from sed2cad.geometry.curves import Array
+from sed2cad.topology.model import Chain, Topology
 
 _FLAT = 1.0  # 1 / unit: surfaces that part more slowly than this do not say where they touch
 _GAP = 2e-4  # unit frame: surfaces that touch come this near to each other, give or take the fit
@@ -39,6 +42,16 @@ def meeting(a: Side, b: Side, points: Array) -> Meeting:
     if np.median(relative_curvature(a, b, middle(points)).curvature) < _FLAT:
         return "resting"
     return "crossing" if angle_along(a, b, points) > LEVEL and _cuts(a, b, middle(points)) else "touching"
+
+
+def meetings_of(topology: Topology, sides: Sequence[Side]) -> list[Meeting]:
+    """How the surfaces of each chain meet."""
+    return [meeting(*sides_of(topology, sides, chain), chain.points) for chain in topology.chains]
+
+
+def sides_of(topology: Topology, sides: Sequence[Side], chain: Chain) -> tuple[Side, Side]:
+    """The surfaces left and right of a chain."""
+    return sides[topology.regions[chain.left].primitive], sides[topology.regions[chain.right].primitive]
 
 
 def _cuts(a: Side, b: Side, points: Array) -> bool:

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.geometry.contact import Meeting, Side
+from sed2cad.geometry.contact import Side
 from sed2cad.geometry.curves import Array
 from sed2cad.geometry.edges import EdgeGeometry, bent, edge_geometry
-from sed2cad.geometry.meeting import meeting
+from sed2cad.geometry.meeting import meetings_of, sides_of
 from sed2cad.geometry.merging import CornerClusters
 from sed2cad.geometry.untangle import untangled
 from sed2cad.primitives.base import FittedPatch
-from sed2cad.topology.model import Chain, Topology
+from sed2cad.topology.model import Topology
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ def realise(topology: Topology, fitted: Sequence[FittedPatch], bend: bool = Fals
     With `bend` all edges end at their corners, even where that takes an exact curve off its surfaces.
     """
     sides = [Side.of(patch) for patch in fitted]
-    topology = untangled(topology, sides, _meetings(topology, sides))
-    pairs = [_sides_of(topology, sides, chain) for chain in topology.chains]
-    meetings = _meetings(topology, sides)
+    topology = untangled(topology, sides, meetings_of(topology, sides))
+    pairs = [sides_of(topology, sides, chain) for chain in topology.chains]
+    meetings = meetings_of(topology, sides)
     clusters = CornerClusters(topology, sides, meetings)
     clusters.contract()
     labels = clusters.labels()
@@ -53,13 +53,3 @@ def realise(topology: Topology, fitted: Sequence[FittedPatch], bend: bool = Fals
         ]
     residuals = np.array([clusters.solved[c].residual for c in labels])
     return Realised(topology, corners, labels, residuals, tuple(edges))
-
-
-def _meetings(topology: Topology, sides: Sequence[Side]) -> list[Meeting]:
-    """How the surfaces of each chain meet."""
-    return [meeting(*_sides_of(topology, sides, chain), chain.points) for chain in topology.chains]
-
-
-def _sides_of(topology: Topology, sides: Sequence[Side], chain: Chain) -> tuple[Side, Side]:
-    """The surfaces left and right of a chain."""
-    return sides[topology.regions[chain.left].primitive], sides[topology.regions[chain.right].primitive]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sed2cad.geometry.curves import Array
 from sed2cad.topology.model import Chain, Region, Topology
@@ -107,6 +108,66 @@ class Web:
         chain = self.chains[k]
         return chain.right if chain.left == region else chain.left
 
+    def can_pinch(self, k: int, corner: int, region: int) -> bool:
+        """Whether chain k and a corner are on one loop, or two, of a region that has no further ones."""
+        here = [loop for loop in self.loops[region] if k in (n for n, _ in loop) or self._arriving(loop, corner)]
+        return len(here) == len(self.loops[region])
+
+    def pinched(self, k: int, corner: int, region: int) -> Web:
+        """The web in which chain k runs through a corner on the other side of the region beside it.
+
+        The loops of the region are joined there; or, where chain and corner are on one, it is cut in two, and what lies
+        behind the neck is a new region.
+        """
+        other, chain = self.copy(), self.chains[k]
+        second = k if chain.closed else len(self.chains)
+        other._cut(k, corner)
+        other.loops = [[_replaced(loop, k, second) for loop in loops] for loops in other.loops]
+        way = next(w for loop in self.loops[region] for n, w in loop if n == k)
+        coming = (k, 1) if way > 0 else (second, 0)
+        (going,) = (ray for loop in self.loops[region] for ray in self._arriving(loop, corner))
+        before = len(other.loops[region])
+        other._relink(region, coming, going)
+        if len(other.loops[region]) > before:
+            other._part(region, other.loops[region].pop())
+        return other
+
+    def _arriving(self, loop: list[tuple[int, int]], corner: int) -> list[Ray]:
+        """The rays by which a loop comes to a corner."""
+        rays = [(k, int(way > 0)) for k, way in loop]
+        return [ray for ray in rays if self.corner_of(ray) == corner]
+
+    def _cut(self, k: int, corner: int) -> None:
+        """Let a chain run through a corner: a ring starts there, any other one becomes two."""
+        chain, at = self.chains[k], self.corners[corner]
+        nearest = int(np.linalg.norm(chain.points - at, axis=1).argmin())
+        if chain.closed:
+            turned = np.roll(chain.points, -nearest, axis=0)[1:]
+            self.chains[k] = replace(chain, points=np.vstack([at, turned, at]), start=corner, end=corner)
+            return
+        inner = int(np.clip(nearest, 1, max(len(chain.points) - 2, 1)))
+        first, rest = chain.points[:inner], chain.points[min(inner + 1, len(chain.points) - 1) :]
+        self.chains[k] = replace(chain, points=np.vstack([first, at]), end=corner)
+        self.chains.append(replace(chain, points=np.vstack([at, rest]), start=corner))
+
+    def _part(self, region: int, loop: list[tuple[int, int]]) -> None:
+        """Make a new region of a loop of another one, and of the points that are nearer to it than to the others."""
+        whole, new = self._topology.regions[region], len(self.loops)
+        mine, theirs = (
+            cKDTree(np.vstack([self.chains[k].points for k, _ in steps])).query(whole.points)[0]
+            for steps in (loop, [step for rest in self.loops[region] for step in rest])
+        )
+        part, left = whole.points[mine < theirs], whole.points[mine >= theirs]
+        share = len(part) / max(len(whole.points), 1)
+        regions = list(self._topology.regions)
+        regions[region] = replace(whole, points=left, area=(1 - share) * whole.area)
+        regions.append(replace(whole, points=part, area=share * whole.area))
+        self._topology = replace(self._topology, regions=tuple(regions))
+        self.loops.append([loop])
+        for k, way in loop:
+            chain = self.chains[k]
+            self.chains[k] = replace(chain, left=new) if way > 0 else replace(chain, right=new)
+
     def without_ring(self, k: int) -> Web:
         """The web without a closed chain, a hole in both its regions."""
         other = self.copy()
@@ -188,6 +249,14 @@ class Web:
             if old in (chain.start, chain.end):
                 start, end = (new if c == old else c for c in (chain.start, chain.end))
                 self.chains[k] = replace(chain, start=start, end=end)
+
+
+def _replaced(loop: list[tuple[int, int]], k: int, second: int) -> list[tuple[int, int]]:
+    """The loop in which chain k is followed by its second part."""
+    if second == k:
+        return loop
+    both = {1: [(k, 1), (second, 1)], -1: [(second, -1), (k, -1)]}
+    return [step for n, way in loop for step in (both[way] if n == k else [(n, way)])]
 
 
 def _after(first: int, second: int, count: int) -> int:
