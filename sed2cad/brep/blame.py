@@ -26,7 +26,8 @@ _BEYOND = 0.1  # share of a face that may lie off its region
 def to_blame(
     joined: Joined, checked: Checked, topology: Topology, frame: Frame, limits: Limits
 ) -> tuple[int, ...]:
-    """The regions whose faces are lost, invalid, not to be drawn, off the scan or too far from their edges.
+    """The regions whose faces are lost, invalid, not to be drawn, changed by the STEP file, off the scan or too
+    far from their edges.
 
     () where none stands out.
     """
@@ -36,6 +37,8 @@ def to_blame(
         return tuple(sorted(lost | _invalid(joined)))
     if checked.undrawn:
         return tuple(sorted({joined.regions[number] for number in checked.undrawn} - {-1}))
+    if checked.changed:
+        return tuple(sorted({joined.regions[number] for number in checked.changed} - {-1}))
     if checked.deviations is not None:
         astray = _astray(joined, checked.deviations, topology, frame, limits)
         if astray:

@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.TopoDS import TopoDS_Shape
+from scipy.spatial import cKDTree
 
 from sed2cad.brep.attempt import GateResult, Limits
 from sed2cad.brep.drawn import undrawn
-from sed2cad.brep.kernel import Array, faces, is_closed, is_valid, largest_tolerance, solids, volume
+from sed2cad.brep.kernel import Array, faces, is_closed, is_valid, largest_tolerance, measures, solids, volume
 from sed2cad.brep.measure import Deviations, deviations
 from sed2cad.brep.step import read_step, write_step
 from sed2cad.errors import AssemblyError
@@ -40,6 +43,15 @@ class Checked:
     result: GateResult
     deviations: Deviations | None  # None where the solid was not fit to be measured
     undrawn: tuple[int, ...] = ()  # numbers of faces that cannot be drawn; looked for when all else is well
+    changed: tuple[int, ...] = ()  # of faces that the STEP file does not keep
+
+
+@dataclass(frozen=True)
+class ReadBack:
+    """What becomes of a shape in a STEP file."""
+
+    shape: TopoDS_Shape | None  # face for face; None where it is no longer the same and valid
+    changed: tuple[int, ...] = ()  # numbers of the faces that are to blame for that
 
 
 def check(
@@ -65,14 +77,14 @@ def check(
         stray = measured.stray(expected.surface) if len(expected.surface) else math.nan
     found = GateResult(False, "", count, closed, valid, size, ratio, near, *spread, stray, tolerance, False)
     reason = _first_fault(found, expected, limits)
-    back = None if reason else through_step(shape)
-    hidden = () if back is None else undrawn(back, expected.diagonal)
-    if not reason and back is None:
+    back = ReadBack(None) if reason else through_step(shape)
+    hidden = () if back.shape is None else undrawn(back.shape, expected.diagonal)
+    if not reason and back.shape is None:
         reason = "it is no longer valid after writing and reading the STEP file"
     elif hidden:
         reason = f"{len(hidden)} of its faces cannot be drawn, their edges cross"
-    found = replace(found, passed=not reason, reason=reason, step_valid=back is not None, undrawn=len(hidden))
-    return Checked(found, measured, hidden)
+    found = replace(found, passed=not reason, reason=reason, step_valid=back.shape is not None, undrawn=len(hidden))
+    return Checked(found, measured, hidden, back.changed)
 
 
 def _first_fault(found: GateResult, expected: Expected, limits: Limits) -> str:
@@ -95,18 +107,29 @@ def _first_fault(found: GateResult, expected: Expected, limits: Limits) -> str:
     return ""
 
 
-def through_step(shape: TopoDS_Shape) -> TopoDS_Shape | None:
-    """The shape as its STEP file reads back, face for face; None where that is no longer the same and valid."""
+def through_step(shape: TopoDS_Shape) -> ReadBack:
+    """The shape as its STEP file reads back."""
     with tempfile.TemporaryDirectory(prefix="sed2cad-") as folder:
         path = Path(folder) / "check.step"
         try:
             write_step(shape, path)
             back = read_step(path)
         except AssemblyError:
-            return None
+            return ReadBack(None)
     closed = is_closed(shape)
     same = len(solids(back)) == len(solids(shape)) and len(faces(back)) == len(faces(shape))
-    if not (same and is_closed(back) == closed and is_valid(back)):
-        return None
     alike = not closed or math.isclose(volume(back), volume(shape), rel_tol=_ROUND_TRIP)
-    return back if alike else None
+    if same and alike and is_closed(back) == closed and is_valid(back):
+        return ReadBack(back)
+    return ReadBack(None, _changed(shape, back))
+
+
+def _changed(shape: TopoDS_Shape, back: TopoDS_Shape) -> tuple[int, ...]:
+    """Numbers of the faces that are not among the valid ones that were read, by their areas and centres."""
+    check = BRepCheck_Analyzer(back)
+    kept = np.array([measures(face) for face in faces(back) if check.IsValid(face)]).reshape(-1, 4)
+    wanted = np.array([measures(face) for face in faces(shape)]).reshape(-1, 4)
+    if len(kept) == 0:
+        return tuple(range(len(wanted)))
+    off, _ = cKDTree(kept).query(wanted)
+    return tuple(np.flatnonzero(off > _ROUND_TRIP * wanted[:, 3]).tolist())

@@ -110,6 +110,14 @@ def area(shape: TopoDS_Shape, triangles: bool = False) -> float:
     return abs(float(properties.Mass()))
 
 
+def measures(face: TopoDS_Face) -> Array:
+    """Centre and root of the area (4,) of a face."""
+    properties = GProp_GProps()
+    BRepGProp.SurfaceProperties_s(face, properties)
+    centre = properties.CentreOfMass()
+    return np.array([centre.X(), centre.Y(), centre.Z(), np.sqrt(abs(properties.Mass()))])
+
+
 def largest_tolerance(shape: TopoDS_Shape) -> float:
     """The largest tolerance of an edge or vertex."""
     values = [BRep_Tool.Tolerance_s(e) for e in edges(shape)] + [BRep_Tool.Tolerance_s(v) for v in vertices(shape)]

@@ -18,7 +18,7 @@ from sed2cad.errors import AssemblyError
 def opened(job: Opening) -> AssemblyResult:
     """The solid without these faces. AssemblyError where what is left is not valid, here or back from a STEP file."""
     shape = without_faces(from_bytes(job.solid.brep), job.faces)
-    if not is_valid(shape) or through_step(shape) is None:
+    if not is_valid(shape) or through_step(shape).shape is None:
         raise AssemblyError("the CAD kernel finds the open shell invalid")
     gate = replace(job.solid.gate, closed=False, volume=math.nan)  # all else was checked on the closed solid
     kept = tuple(face for k, face in enumerate(job.solid.faces) if k not in job.faces)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from build123d import Align, Box
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 
 from sed2cad.brep.attempt import Export
 from sed2cad.brep.convert import solid_from_brep, step_file
-from sed2cad.brep.kernel import faces, is_closed, is_valid, solids, volume
+from sed2cad.brep.gate import _changed
+from sed2cad.brep.kernel import faces, is_closed, is_valid, measures, solids, volume
 from sed2cad.brep.step import read_face_names, read_step, write_step
 from sed2cad.errors import AssemblyError
 from tests.brep.made import part, result, shape
@@ -95,3 +97,11 @@ def test_build123d_gets_a_solid_or_a_compound() -> None:
     both = solid_from_brep(result("two_boxes").brep)
     assert type(both).__name__ == "Compound"
     assert len(solids(both.wrapped)) == 2
+
+
+def test_faces_that_a_file_does_not_keep_are_told() -> None:
+    low, high = (Box(10, 10, height, align=(Align.CENTER, Align.CENTER, Align.MIN)).wrapped for height in (10, 12))
+    assert _changed(low, low) == ()
+    (kept,) = set(range(6)) - set(_changed(low, high))
+    assert measures(faces(low)[kept]) == pytest.approx([0, 0, 0, 10])
+    assert _changed(low, Box(50, 50, 50).wrapped) == tuple(range(6))
