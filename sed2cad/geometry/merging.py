@@ -113,10 +113,18 @@ class CornerClusters:
         return bool(backwards and apart < _FAR and merged.misfit < 4 * _FIT)
 
     def _all_meet(self, a: int, b: int, merged: Corner) -> bool:
-        """Whether the surfaces of two corners all meet where one of these is, which is no coincidence: the other one
-        lies where they meet again."""
-        off = min(float(np.linalg.norm(merged.position - self.solved[corner].position)) for corner in (a, b))
-        return max(merged.misfit, off) < _COINCIDENCE and merged.moved < _FAR
+        """Whether the surfaces of two corners all meet in just one of these, which is no coincidence: the other one
+        lies where some meet again."""
+        sides = [self._sides[n] for n in self._primitives([a, b])]
+        at = [self.solved[corner].position[None] for corner in (a, b)]
+        off = sorted(max(abs(float(side.primitive.distance(place)[0])) for side in sides) for place in at)
+        return max(merged.misfit, off[0]) < _COINCIDENCE and off[1] > _FIT and merged.moved < _FAR
+
+    def _primitives(self, clusters: list[int]) -> list[int]:
+        """The surfaces at clusters."""
+        chains = (self._topology.chains[k] for c in clusters for k in self._chains_at[c] if self.alive[k])
+        regions = (self._topology.regions[r] for chain in chains for r in (chain.left, chain.right))
+        return list(dict.fromkeys(region.primitive for region in regions))
 
     def _join(self, k: int, a: int, b: int, merged: Corner) -> None:
         self._parent[b] = a

@@ -9,7 +9,7 @@ import numpy as np
 
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
-from sed2cad.segmentation.strips import extent, widest_gap
+from sed2cad.segmentation.strips import STRIP, extent, widest_gap
 from sed2cad.topology.chains import border_of, cycles, pieces
 from sed2cad.topology.labelling import Adjacency
 from sed2cad.topology.mincut import Labels
@@ -65,7 +65,7 @@ def _at_both_ends(mesh: Mesh, labels: Labels, sides: tuple[int, int], vertices: 
 def _goes_on(scan: Scan, patch: FittedPatch, strip: Strip, points: Array) -> bool:
     """Whether the border, points (n, 3), is a gap in a strip."""
     count = len(patch.patch.indices)
-    if count == 0 or patch.primitive.freeform:
+    if count == 0 or patch.primitive.freeform or strip.length < STRIP * scan.spacing * count:
         return False
     off = float(np.median(np.abs(patch.primitive.distance(points))))
     return off < _BETWEEN * strip.width and extent(points) < widest_gap(strip.length, count)
