@@ -24,7 +24,7 @@ from sed2cad.mending import Flawed, looked_again, mend
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.primitives.names import primitive_names
 from sed2cad.regularize import Constraint, regularize
-from sed2cad.rungs import LADDER, RAW_LADDER, Rung, Tracer
+from sed2cad.rungs import LADDER, RAW_LADDER, UNREGULARISED, Rung, Tracer
 from sed2cad.scan.scan import Array, Frame, Mesh, Scan
 from sed2cad.settings import Settings
 from sed2cad.topology.faceted import decimate
@@ -88,14 +88,14 @@ def assemble_closed(completed: Completed, settings: Settings, done: Done) -> Ass
     scan, fitted = completed.scan, completed.fitted
     failures: list[str] = []
     trials: list[Trial] = []
-    tracer = Tracer(scan, fitted, {False: completed.proxy} if completed.proxy else {})
+    tracer = Tracer(scan, fitted, {"carved": completed.proxy} if completed.proxy else {})
     start = time.perf_counter()
     for rung in LADDER if settings.regularize else RAW_LADDER:
         if tracer.proxies and _late(scan, settings, start):
             failures.append(f"{rung.name}: not tried, the time for exact solids was over")
             break
         try:
-            if not rung.walls and not tracer.has_steps(rung):
+            if not tracer.applies(rung) or (rung.name == UNREGULARISED and trials and trials[0].impossible):
                 continue
             for trial in _tries(rung, tracer, completed.measured, settings, start, done, not trials):
                 reason = _fault(trial.outcome)
@@ -140,6 +140,11 @@ class Trial:
         if isinstance(self.outcome, Failure):
             return 1.5 * len(self.blamed) or math.inf
         return len(self.blamed) or 99.0
+
+    @property
+    def impossible(self) -> bool:
+        """Whether the topology allows no solid at all, on whatever surfaces."""
+        return isinstance(self.outcome, Failure) and self.outcome.kind == "error"
 
     @property
     def undrawn(self) -> int:
