@@ -77,6 +77,8 @@ def edge_samples(faces: Samples, fitted: Sequence[FittedPatch], spacing: float) 
 
 def _in_gaps(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Samples:
     """Samples half way between those of one edge that are far apart, unless something else lies there."""
+    if len(edges) == 0:
+        return edges
     _, group = np.unique(edges.labels, axis=0, return_inverse=True)
     apart = np.column_stack([edges.points, 10.0 * group.reshape(-1)])  # groups never mix
     tree = cKDTree(apart)

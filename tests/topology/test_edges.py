@@ -111,3 +111,11 @@ def test_an_edge_that_something_interrupts_stays_in_two_pieces() -> None:
     edge = samples.points[(samples.labels == (0, 1)).all(axis=1)]
     assert len(edge) > 100
     assert np.abs(edge[:, 1]).min() > size / 2 - scan.spacing
+
+
+def test_surfaces_that_do_not_meet_have_no_edges() -> None:
+    scan, fitted = scans.scan_of(scans.sphere(), 500)
+    assert not surface_samples(scan, fitted).on_edge.any()
+    scan, fitted = corner_with_block(0.02)
+    samples = surface_samples(scan, [_of(patch, patch.patch.indices[:3]) for patch in fitted])
+    assert len(samples) >= 3
