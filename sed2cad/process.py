@@ -12,8 +12,7 @@ from sed2cad.brep.worker import stop_workers
 
 
 def run_and_end(command: Callable[[], object]) -> None:
-    """command(), then the end of the process with its exit code, without the time that
-    modules take to be torn down.
+    """command(), then the end of the process with its exit code, without the time that modules take to be torn down.
 
     numpy stays on one thread, if it is not loaded yet: the matrices are small, and threads would wait for each other.
     """

@@ -35,10 +35,8 @@ def to_blame(
     found = checked.result
     if not (found.closed and found.valid) or lost:
         return tuple(sorted(lost | _invalid(joined)))
-    if checked.undrawn:
-        return tuple(sorted({joined.regions[number] for number in checked.undrawn} - {-1}))
-    if checked.changed:
-        return tuple(sorted({joined.regions[number] for number in checked.changed} - {-1}))
+    if numbers := checked.undrawn or checked.changed:
+        return tuple(sorted({joined.regions[number] for number in numbers} - {-1}))
     if checked.deviations is not None:
         astray = _astray(joined, checked.deviations, topology, frame, limits)
         if astray:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sed2cad.geometry.chains import length
 from sed2cad.geometry.contact import Meeting, Side
 from sed2cad.geometry.corners import Corner, solve_corner
+from sed2cad.geometry.meeting import sides_of
 from sed2cad.topology.model import Topology
 
 _FIT = 2e-3  # unit frame: a merged corner may miss its surfaces by this much
@@ -115,16 +116,10 @@ class CornerClusters:
     def _all_meet(self, a: int, b: int, merged: Corner) -> bool:
         """Whether the surfaces of two corners all meet in just one of these, which is no coincidence: the other one
         lies where some meet again."""
-        sides = [self._sides[n] for n in self._primitives([a, b])]
+        sides = [side for _, pair in self._pairs([a, b]) for side in pair]
         at = [self.solved[corner].position[None] for corner in (a, b)]
         off = sorted(max(abs(float(side.primitive.distance(place)[0])) for side in sides) for place in at)
         return max(merged.misfit, off[0]) < _COINCIDENCE and off[1] > _FIT and merged.moved < _FAR
-
-    def _primitives(self, clusters: list[int]) -> list[int]:
-        """The surfaces at clusters."""
-        chains = (self._topology.chains[k] for c in clusters for k in self._chains_at[c] if self.alive[k])
-        regions = (self._topology.regions[r] for chain in chains for r in (chain.left, chain.right))
-        return list(dict.fromkeys(region.primitive for region in regions))
 
     def _join(self, k: int, a: int, b: int, merged: Corner) -> None:
         self._parent[b] = a
@@ -150,19 +145,22 @@ class CornerClusters:
 
     def _solve(self, clusters: list[int]) -> Corner:
         """The corner of one cluster, or of two were they merged."""
-        chains = set().union(*(self._chains_at[c] for c in clusters))
         used: dict[int, Side] = {}
         tangent = []
         resting = False
-        for k in sorted(k for k in chains if self.alive[k]):
+        for k, pair in self._pairs(clusters):
             chain = self._topology.chains[k]
-            regions = (self._topology.regions[chain.left], self._topology.regions[chain.right])
-            pair = [self._sides[r.primitive] for r in regions]
-            used.update(zip((r.primitive for r in regions), pair))
+            used.update((id(side), side) for side in pair)
             resting |= self._meetings[k] == "resting"
             joins = {self.root(chain.start), self.root(chain.end)}
             if self._meetings[k] == "touching" and (len(clusters) == 1 or joins != set(clusters)):
-                tangent.append((pair[0], pair[1]))
+                tangent.append(pair)
         members = [c for c in range(len(self._parent)) if self.root(c) in clusters]
         start = self._topology.corners[members].mean(axis=0)
         return solve_corner(start, list(used.values()), tangent, resting)
+
+    def _pairs(self, clusters: list[int]) -> list[tuple[int, tuple[Side, Side]]]:
+        """The chains at clusters that are left, ascending, and the surfaces on both sides of each."""
+        chains = set().union(*(self._chains_at[c] for c in clusters))
+        alive = sorted(k for k in chains if self.alive[k])
+        return [(k, sides_of(self._topology, self._sides, self._topology.chains[k])) for k in alive]

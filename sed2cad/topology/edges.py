@@ -61,39 +61,42 @@ def edge_samples(faces: Samples, fitted: Sequence[FittedPatch], spacing: float) 
     if len(found.points) == 0:
         return faces[np.zeros(len(faces), dtype=bool)]
     edges, kept = joined(found, fitted, spacing)
-    owned = _owned(edges, faces)
+    tree = cKDTree(faces.points)
+    owned = _owned(edges, faces, tree)
     edges, found = edges[owned], found[kept][owned]
-    strip = strips_between(edges, faces, fitted, spacing)
+    strip = strips_between(edges, faces, tree, fitted, spacing)
     cut = strip >= 0
     bridged = _bridged(edges[cut], strip[cut], found[cut], fitted, spacing)
     edges = thinned(edges[~cut] + bridged, _CELL * spacing)
     for _ in range(_ROUNDS):
-        more = _in_gaps(edges, faces, fitted, spacing)
+        more = _in_gaps(edges, faces, tree, fitted, spacing)
         if len(more) == 0:
             break
         edges = edges + more
     return edges
 
 
-def _in_gaps(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Samples:
+def _in_gaps(
+    edges: Samples, faces: Samples, tree: cKDTree, fitted: Sequence[FittedPatch], spacing: float
+) -> Samples:
     """Samples half way between those of one edge that are far apart, unless something else lies there."""
     if len(edges) == 0:
         return edges
     _, group = np.unique(edges.labels, axis=0, return_inverse=True)
     apart = np.column_stack([edges.points, 10.0 * group.reshape(-1)])  # groups never mix
-    tree = cKDTree(apart)
-    first, second = tree.query_pairs(_GAP * spacing, output_type="ndarray").T
+    along = cKDTree(apart)
+    first, second = along.query_pairs(_GAP * spacing, output_type="ndarray").T
     size = np.linalg.norm(edges.points[first] - edges.points[second], axis=1)
     wide = size > _WIDE * spacing
     first, second, size = first[wide], second[wide], size[wide]
     middle = (edges.points[first] + edges.points[second]) / 2
-    alone, _ = tree.query(np.column_stack([middle, apart[first, 3]]))
+    alone, _ = along.query(np.column_stack([middle, apart[first, 3]]))
     open_ = alone > 0.45 * size
     places = Meetings(middle[open_], edges.labels[first[open_]], size[open_], edges.convex[first[open_]])
     places = places[~_interrupted(places, edges)]
     added, kept = joined(replace(places, size=0.35 * places.size), fitted, spacing)
     reach = np.maximum(_OWN_REACH * spacing, places.size[kept])
-    return thinned(added[_beside(added, edges, faces, reach)], 0.5 * _CELL * spacing)
+    return thinned(added[_beside(added, edges, faces, tree, reach)], 0.5 * _CELL * spacing)
 
 
 def _interrupted(places: Meetings, edges: Samples) -> Mask:
@@ -102,10 +105,10 @@ def _interrupted(places: Meetings, edges: Samples) -> Mask:
     return np.asarray(((one[:, :, None] == two[:, None]) & (one[:, :, None] >= 0)).any(axis=(1, 2)))
 
 
-def _beside(added: Samples, edges: Samples, faces: Samples, reach: Array) -> Mask:
+def _beside(added: Samples, edges: Samples, faces: Samples, tree: cKDTree, reach: Array) -> Mask:
     """Whether the face sample nearest to each edge sample (n,) is within reach (n,) and of one of its patches, or one
     that meets just one of them there: a strip with few points then lies between the edge and the patch."""
-    distance, nearest = cKDTree(faces.points).query(added.points, workers=-1)
+    distance, nearest = tree.query(added.points, workers=-1)
     other = faces.labels[nearest, 0]
     one, two = _third_patches(added.points, added.labels, edges, reach)
     over_a_strip = (one == other[:, None]).any(axis=1) != (two == other[:, None]).any(axis=1)
@@ -161,20 +164,21 @@ def joined(found: Meetings, fitted: Sequence[FittedPatch], spacing: float) -> tu
     return Samples(points[kept], found.sides[kept], normals[kept], found.convex[kept]), kept
 
 
-def _owned(edges: Samples, faces: Samples) -> Mask:
+def _owned(edges: Samples, faces: Samples, tree: cKDTree) -> Mask:
     """Whether the face sample nearest to each edge sample (n,) is of one of its patches."""
-    _, nearest = cKDTree(faces.points).query(edges.points, workers=-1)
+    _, nearest = tree.query(edges.points, workers=-1)
     return np.asarray((faces.labels[nearest, :1] == edges.labels).any(axis=1))
 
 
-def strips_between(edges: Samples, faces: Samples, fitted: Sequence[FittedPatch], spacing: float) -> Labels:
+def strips_between(
+    edges: Samples, faces: Samples, tree: cKDTree, fitted: Sequence[FittedPatch], spacing: float
+) -> Labels:
     """The patch (n,) that cuts each edge sample off, or -1: its normal lies between those of the edge."""
     strip = np.full(len(edges), -1, dtype=np.int64)
     beside: dict[int, set[int]] = {}
     for a, b in np.unique(edges.labels, axis=0).tolist():
         beside.setdefault(a, set()).add(b)
         beside.setdefault(b, set()).add(a)
-    tree = cKDTree(faces.points)
     for a, b in np.unique(edges.labels, axis=0).tolist():
         at = np.flatnonzero((edges.labels == (a, b)).all(axis=1))
         for c in beside[a] & beside[b]:
