@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.errors import ScanError
-from sed2cad.scan.normals import TWO_SHEETS
+from sed2cad.scan.local_fits import TWO_SHEETS
 from sed2cad.scan.raw import RawScan, ScanWarning
 from sed2cad.scan.scan import Array, Mesh
 
