@@ -30,6 +30,7 @@ from sed2cad.scan.scan import Scan
 
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
 _INDEPENDENT = 50  # points of a patch that err independently, as far as parameters are concerned
+_LEAST_INTERIOR = 1 / 3  # of a patch: less of a narrow one may all lie in one place
 _STRAY = 9.0  # chi^2 of a point that does not belong
 _SIMPLER: Mapping[str, Sequence[str]] = {
     "cylinder": ("plane",),
@@ -195,7 +196,7 @@ def angle_noise(scan: Scan, fitted: Sequence[FittedPatch]) -> float:
 def used_points(patch: Patch) -> NDArray[np.int64]:
     """Indices of the points that a fit of this patch looks at: the interior, where there is enough of it."""
     kind = patch.kind if patch.kind in KINDS else "bspline"
-    enough = max(12, 3 * primitive_class(kind).freedom)
+    enough = max(12, 3 * primitive_class(kind).freedom, _LEAST_INTERIOR * len(patch.indices))
     return patch.indices[patch.interior] if kind != "bspline" and patch.interior.sum() >= enough else patch.indices
 
 

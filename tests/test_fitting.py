@@ -280,6 +280,19 @@ def test_patches_are_fitted_without_their_edge_points_and_know_their_side() -> N
     assert point.primitive.kind == "plane"
 
 
+def test_all_points_of_a_narrow_ring_count_where_its_interior_lies_in_one_place() -> None:
+    """A flat ring, nearly all of it edge: what its interior tells of the tilt is off by a degree."""
+    rng = np.random.default_rng(0)
+    turn = rng.uniform(0, 2 * np.pi, 600)
+    points = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn]) * rng.uniform(0.29, 0.31, (600, 1))
+    points[:, 2] = rng.normal(0, 4e-4, 600)
+    scan = Scan(points, np.tile([0.0, 0, 1], (600, 1)), None, Frame(np.zeros(3), 1.0), noise=4e-4, spacing=0.01)
+    ring = Patch(np.arange(600), "plane", turn < 0.3)
+    assert 12 < ring.interior.sum() < 50
+    normal = fit_patches(scan, [ring])[0].primitive.normal(points[:1])[0]
+    assert np.degrees(np.arccos(abs(normal[2]))) < 0.02
+
+
 def strip_scan(radius: float, rng: np.random.Generator) -> tuple[Scan, Patch]:
     """A strip, 0.3 by 0.04, of a cylinder about an axis along it, with noise.
 

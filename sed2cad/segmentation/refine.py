@@ -38,6 +38,13 @@ class State:
     labels: Labels
     primitives: tuple[Choice, ...]
 
+    def compact(self) -> State:
+        """Without the primitives that no point is labelled with."""
+        used, labels = np.unique(self.labels[self.labels >= 0], return_inverse=True)
+        out = np.full(len(self.labels), UNEXPLAINED)
+        out[self.labels >= 0] = labels
+        return State(out, tuple(self.primitives[k] for k in used))
+
 
 class Refiner:
     """Holds what does not change between the rounds: points, normals, graph, prices."""
@@ -97,7 +104,7 @@ class Refiner:
                 least[members[better]] = cost[better]
                 labels[members[better]] = len(primitives)
                 primitives.append(found)
-        return self._compact(State(labels, tuple(primitives)))
+        return State(labels, tuple(primitives)).compact()
 
     def relabel(self, state: State, final: bool = False) -> State:
         """Minimise the energy over the labels, then drop primitives that do not pay for themselves."""
@@ -111,7 +118,7 @@ class Refiner:
         full = self._drop(full)
         labels = mean_field(full, self.adjacency, self.tolerances.smoothness)
         labels = np.where(labels == len(state.primitives), UNEXPLAINED, labels)
-        return self._compact(State(labels, state.primitives))
+        return State(labels, state.primitives).compact()
 
     def _drop(self, full: Array) -> Array:
         """Close the columns of primitives whose points have nearly as good an explanation elsewhere."""
@@ -138,7 +145,7 @@ class Refiner:
             if found is not None and now - self._data_cost(found, members).sum() > self.tolerances.primitive:
                 labels[members] = len(primitives)
                 primitives.append(found)
-        return self._compact(State(labels, tuple(primitives)))
+        return State(labels, tuple(primitives)).compact()
 
     def split(self, state: State) -> State:
         """Each connected piece of a patch becomes a patch of its own; crumbs lose their label."""
@@ -244,7 +251,7 @@ class Refiner:
                 labels[labels == b] = a
                 alias[alias == b] = a
                 primitives[a], costs[a] = joint, cost
-        return self._compact(State(labels, tuple(primitives)))
+        return State(labels, tuple(primitives)).compact()
 
     # helpers ---------------------------------------------------------------------------------------------
 
@@ -302,12 +309,6 @@ class Refiner:
         chosen = np.flatnonzero(smooth > 0.8)
         order = chosen[np.argsort(-count[chosen], kind="stable")]
         return [(int(key[k] // base), int(key[k] % base)) for k in order]
-
-    def _compact(self, state: State) -> State:
-        used, labels = np.unique(state.labels[state.labels >= 0], return_inverse=True)
-        out = np.full(len(state.labels), UNEXPLAINED)
-        out[state.labels >= 0] = labels
-        return State(out, tuple(state.primitives[k] for k in used))
 
 
 def _key(members: NDArray[np.int64]) -> Key:

@@ -21,7 +21,7 @@ from sed2cad.segmentation.graph import Graph
 from sed2cad.segmentation.level import FLOOR, Level
 from sed2cad.segmentation.linkage import average_linkage, pair_evidence
 from sed2cad.segmentation.mean_shift import mean_shift
-from sed2cad.segmentation.refine import FEWEST, State
+from sed2cad.segmentation.refine import FEW, FEWEST, State
 from sed2cad.segmentation.settle import settle
 from sed2cad.segmentation.strips import groups
 
@@ -102,11 +102,13 @@ def _first_look(
 def _closer_look(
     scan: Scan, level: Level, state: State, tolerances: Tolerances, freeform: Array | None, seed: int
 ) -> tuple[Level, State]:
-    """The patches of some points, refined on all."""
+    """The patches of some points, refined on all; what few of them made up is found again where there are more."""
     fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
     nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
     refiner = fine.refiner(tolerances, None if freeform is None else freeform[nearest])
-    state = State(state.labels[nearest], state.primitives)
+    count = np.bincount(state.labels + 1)[state.labels + 1]
+    labels = np.where(count < FEW, UNEXPLAINED, state.labels)
+    state = State(labels[nearest], state.primitives).compact()
     if fine.part is not None:
         state = refiner.start([state.labels, _large(fine.part)])
     return fine, refiner.improve(state, FINE_ROUNDS)

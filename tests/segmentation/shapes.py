@@ -38,6 +38,24 @@ def drum(radius: float, height: float, count: int, seed: int = 0) -> tuple[Array
     return across[:, None] * around + level[:, None] * up, normals, face
 
 
+def filleted_drum(
+    radius: float, height: float, fillet: float, count: int
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """A cylinder (0) with a narrow fillet (3) around its lid (1), and a bottom (2)."""
+    rng = np.random.default_rng(0)
+    inner, side = radius - fillet, height - fillet
+    area = np.array([2 * side * radius, inner**2, radius**2, np.pi * fillet * inner])
+    face = rng.choice(4, count, p=area / area.sum())
+    angle, turn = rng.uniform(0, 2 * np.pi, count), rng.uniform(0, np.pi / 2, count)
+    turn = np.choose(face, [np.zeros(count), np.full(count, np.pi / 2), np.full(count, -np.pi / 2), turn])
+    spread = np.sqrt(rng.uniform(0, 1, count))
+    across = np.choose(face, [np.full(count, radius), inner * spread, radius * spread, inner + fillet * np.cos(turn)])
+    level = np.choose(face, [rng.uniform(0, side, count), np.full(count, height), 0.0, side + fillet * np.sin(turn)])
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    points = np.column_stack([across[:, None] * around, level - height / 2])
+    return points, np.column_stack([np.cos(turn)[:, None] * around, np.sin(turn)]), face
+
+
 def extruded(
     profile: list[tuple[float, float]], height: float, cut: list[tuple[int, int, int]] | None = None
 ) -> Mesh:

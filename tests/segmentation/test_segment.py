@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from sed2cad.segmentation.energy import Tolerances, mean_field
 from sed2cad.segmentation.graph import neighbour_graph
 from sed2cad.segmentation.refine import Refiner, State
 from sed2cad.segmentation.segment import UNEVEN, falls_to_pieces, segment
-from tests.segmentation.shapes import box, drum, extruded
+from tests.segmentation.shapes import box, drum, extruded, filleted_drum
 
 Array = NDArray[np.float64]
 
@@ -109,6 +110,19 @@ def test_noise_is_tolerated() -> None:
     patches = segment(scan_of(noisy, normals, noise=3e-3), None).patches
     assert len(patches) == 6
     assert agreement(labels_of(patches, 4000), face) > 0.95
+
+
+def test_a_fillet_of_a_dense_scan_is_one_face(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One point wide for the network, where pieces of it look like planes; four points wide on all points."""
+    monkeypatch.setattr(sed2cad.segmentation.segment, "COARSE", 1000)
+    points, normals, face = filleted_drum(0.3, 0.3, 0.016, 20_000)
+    rng = np.random.default_rng(0)
+    noisy = points + normals * rng.normal(0, 1e-3, (len(points), 1))
+    turned = normals + rng.normal(0, 0.06, normals.shape)
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    patches = segment(scan_of(noisy, turned, noise=1e-3), None).patches
+    assert Counter(patch.kind for patch in patches) == {"plane": 2, "cylinder": 1, "torus": 1}
+    assert agreement(labels_of(patches, len(points)), face) > 0.9
 
 
 def test_a_low_step_separates_parallel_planes() -> None:
