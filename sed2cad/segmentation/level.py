@@ -11,7 +11,7 @@ from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.corners import Corners
 from sed2cad.segmentation.energy import Tolerances
 from sed2cad.segmentation.graph import Graph, neighbour_graph
-from sed2cad.segmentation.refine import Refiner
+from sed2cad.segmentation.refine import FEWEST, Refiner
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -29,6 +29,7 @@ class Level:
     graph: Graph
     part: Labels | None = None  # (m,) of the mesh, between sharp edges
     corners: Corners | None = None  # on a mesh of a CAD system
+    fewest: int = FEWEST  # points that make a patch
 
     @classmethod
     def of(cls, scan: Scan, rows: NDArray[np.int64], tolerances: Tolerances) -> Level:
@@ -45,4 +46,4 @@ class Level:
         """The refinement of these points; freeform (m,) as it wants it: anything that no surface goes through exactly
         may be freeform."""
         freeform = freeform if self.corners is None else np.ones(len(self.points))
-        return Refiner(self.points, self.normals, self.graph, tolerances, freeform, self.corners)
+        return Refiner(self.points, self.normals, self.graph, tolerances, freeform, self.corners, self.fewest)

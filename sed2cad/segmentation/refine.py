@@ -57,8 +57,11 @@ class Refiner:
         tolerances: Tolerances,
         freeform: Array | None = None,
         corners: Corners | None = None,
+        fewest: int = FEWEST,
     ) -> None:
-        """freeform (n,): probability of each point to lie on a surface that is none of the analytic kinds."""
+        """freeform (n,): probability of each point to lie on a surface that is none of the analytic kinds; fewest
+        points that make a patch."""
+        self.fewest = fewest
         self.corners = corners
         self.freeform = np.zeros(len(points)) if freeform is None else freeform
         self.points, self.normals, self.graph, self.tolerances = points, normals, graph, tolerances
@@ -129,7 +132,7 @@ class Refiner:
             held = full[mine, column]
             rest = full[mine]
             rest[:, column] = np.inf
-            if len(mine) < FEWEST or (rest.min(axis=1) - held).sum() < self.tolerances.primitive:
+            if len(mine) < self.fewest or (rest.min(axis=1) - held).sum() < self.tolerances.primitive:
                 full[:, column] = np.inf
                 best[mine] = rest.argmin(axis=1)
         return full
@@ -152,7 +155,7 @@ class Refiner:
         i, j = self.graph.pairs.T
         pieces = bridged(self.points, state.labels, self.graph.components(state.labels[i] == state.labels[j]))
         size = np.bincount(pieces)
-        keep = (size[pieces] >= FEWEST) & (state.labels >= 0)
+        keep = (size[pieces] >= self.fewest) & (state.labels >= 0)
         labels = np.unique(pieces[keep], return_inverse=True)[1]
         first = state.labels[keep][np.unique(labels, return_index=True)[1]]
         out = np.full(self.graph.size, UNEXPLAINED)
@@ -176,7 +179,7 @@ class Refiner:
         for least, most in ((SMOOTH, len(labels)), (0.0, FEW)):
             free = labels == UNEXPLAINED
             pieces = self.graph.components(free[i] & free[j] & (self.graph.weights > least))
-            sets = [own for own in groups(np.where(free, pieces, UNEXPLAINED)) if FEWEST <= len(own) <= most]
+            sets = [own for own in groups(np.where(free, pieces, UNEXPLAINED)) if self.fewest <= len(own) <= most]
             self._choose_ahead(sample for members in sets for sample in self._samples(members))
             for members in sets:
                 for found, held in self._explain(members):
@@ -188,7 +191,7 @@ class Refiner:
         """Primitives for a connected set of points, greedily: local fits compete by the cost that they save
         (a RANSAC whose samples are neighbourhoods, after Schnabel et al. 2007)."""
         out: list[tuple[Choice, NDArray[np.int64]]] = []
-        while len(members) >= FEWEST and len(out) < 12:
+        while len(members) >= self.fewest and len(out) < 12:
             best_gain, best = 0.0, None
             samples = self._samples(members)
             self._choose_ahead(samples)
@@ -199,7 +202,7 @@ class Refiner:
                 cost = self._data_cost(found, members)
                 held = cost < 0.5 * self.tolerances.cap
                 gain = (self.tolerances.cap - cost[held]).sum() - self.tolerances.primitive
-                if held.sum() >= FEWEST and gain > best_gain:
+                if held.sum() >= self.fewest and gain > best_gain:
                     best_gain, best = gain, (found, held)
             if best is None:
                 break
@@ -256,7 +259,7 @@ class Refiner:
     # helpers ---------------------------------------------------------------------------------------------
 
     def _choose(self, members: NDArray[np.int64]) -> Choice | None:
-        if len(members) < FEWEST:
+        if len(members) < self.fewest:
             return None
         key = _key(members)
         if key not in self.chosen:
@@ -265,7 +268,7 @@ class Refiner:
 
     def _choose_ahead(self, sets: Iterable[NDArray[np.int64]]) -> None:
         """Let sets of points choose, all at once on two cores: `_choose` knows what comes out."""
-        new = {_key(members): members for members in sets if len(members) >= FEWEST}
+        new = {_key(members): members for members in sets if len(members) >= self.fewest}
         new = {key: members for key, members in new.items() if key not in self.chosen}
         self.chosen.update(zip(new, run_each(choose, [self._case(members) for members in new.values()])))
 

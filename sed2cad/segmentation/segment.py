@@ -104,6 +104,8 @@ def _closer_look(
 ) -> tuple[Level, State]:
     """The patches of some points, refined on all; what few of them made up is found again where there are more."""
     fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
+    if scan.noise > FINEST:  # estimated normals err together: chance makes faces of a handful of points
+        fine = replace(fine, fewest=max(FEWEST, FEWEST * len(fine.rows) // (2 * COARSE)))
     nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
     refiner = fine.refiner(tolerances, None if freeform is None else freeform[nearest])
     count = np.bincount(state.labels + 1)[state.labels + 1]
