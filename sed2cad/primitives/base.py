@@ -16,6 +16,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def side_of(there: Array, normals: Array) -> int:
+    """+1 where normals (n, 3) mostly agree with those of a surface there (n, 3), -1 where they oppose."""
+    return 1 if np.median(np.einsum("ij,ij->i", there, normals)) >= 0 else -1
+
+
 class Primitive(ABC):
     """A surface with a signed distance.
 
@@ -46,7 +51,7 @@ class Primitive(ABC):
 
     def side(self, points: Array, normals: Array) -> int:
         """+1 where the normals (n, 3) at points (n, 3) mostly agree with the primitive's, -1 where they oppose."""
-        return 1 if np.median(np.einsum("ij,ij->i", self.normal(points), normals)) >= 0 else -1
+        return side_of(self.normal(points), normals)
 
     def angles(self, points: Array, normals: Array) -> Array:
         """Angles (n,) between normals (n, 3) at points (n, 3) and the primitive's, radians, on the side they are on."""

@@ -48,13 +48,16 @@ class Cone(Primitive):
         return np.where(along > 0, across, np.hypot(across, along))
 
     def normal(self, points: Array) -> Array:
-        _, along, radial = self._meridian(points)
+        return self.distance_and_normal(points)[1]
+
+    def distance_and_normal(self, points: Array) -> tuple[Array, Array]:
+        across, along, radial = self._meridian(points)
         normals = radial * np.cos(self.half_angle) - self.axis * np.sin(self.half_angle)
         behind = along <= 0  # nearest to the apex itself
         if behind.any():
             away = points[behind] - self.apex
             normals[behind] = np.where(np.any(away != 0, axis=1)[:, None], unit(away), -self.axis)
-        return normals
+        return np.where(behind, np.hypot(across, along), across), normals
 
     def moved(self, delta: Array) -> Self:
         x, y = tangent_frame(self.axis)

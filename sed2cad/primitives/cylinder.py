@@ -37,6 +37,10 @@ class Cylinder(Primitive):
     def normal(self, points: Array) -> Array:
         return about_axis(points, self.point, self.axis)[2]
 
+    def distance_and_normal(self, points: Array) -> tuple[Array, Array]:
+        _, radius, radial = about_axis(points, self.point, self.axis)
+        return radius - self.radius, radial
+
     def moved(self, delta: Array) -> Self:
         x, y = tangent_frame(self.axis)
         point = self.point + delta[2] * x + delta[3] * y

@@ -47,9 +47,12 @@ class Torus(Primitive):
         return self._tube(points)[1] - self.minor_radius
 
     def normal(self, points: Array) -> Array:
+        return self.distance_and_normal(points)[1]
+
+    def distance_and_normal(self, points: Array) -> tuple[Array, Array]:
         height, from_tube, outwards, radial = self._tube(points)
         upwards = height / np.maximum(from_tube, 1e-15)
-        return outwards[:, None] * radial + upwards[:, None] * self.axis
+        return from_tube - self.minor_radius, outwards[:, None] * radial + upwards[:, None] * self.axis
 
     def moved(self, delta: Array) -> Self:
         axis = tilted(self.axis, delta[:2])

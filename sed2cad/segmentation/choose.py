@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.primitives.base import Primitive
+from sed2cad.primitives.base import Primitive, side_of
 from sed2cad.primitives.bspline_fit import fit_bspline
 from sed2cad.primitives.refine import refine
 from sed2cad.primitives.registry import primitive_class
@@ -15,7 +15,7 @@ from sed2cad.primitives.robust_fit import evenly, thinned
 from sed2cad.primitives.starts import starts
 from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.segmentation.corners import Corners
-from sed2cad.segmentation.energy import Tolerances, data_cost
+from sed2cad.segmentation.energy import Tolerances, cost_of
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,8 @@ def _fit(
 def _rate(
     primitive: Primitive, points: Array, normals: Array, tolerances: Tolerances, corners: Corners | None = None
 ) -> Choice:
-    sign = primitive.side(points, normals)
-    cost = float(data_cost(primitive, sign, points, normals, tolerances, corners).sum())
+    distance, there = primitive.distance_and_normal(points)
+    sign = side_of(there, normals)
+    cost = float(cost_of(primitive, distance, sign * there, normals, tolerances, corners).sum())
     numbers = primitive.shape_numbers / 2 if isinstance(primitive, TensorPatch) else primitive.freedom
     return Choice(primitive, sign, cost, NUMBER * numbers * float(np.log(len(points))))

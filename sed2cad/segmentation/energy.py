@@ -47,10 +47,22 @@ def data_cost(
 ) -> Array:
     """D (n,) of each point under one primitive; corners of the points where they lie on a CAD system's mesh."""
     distance, there = primitive.distance_and_normal(points)
+    return cost_of(primitive, distance, sign * there, normals, tolerances, corners)
+
+
+def cost_of(
+    primitive: Primitive,
+    distance: Array,
+    outwards: Array,
+    normals: Array,
+    tolerances: Tolerances,
+    corners: Corners | None = None,
+) -> Array:
+    """The same from the distances (n,) of the points and the primitive's outward normals there (n, 3)."""
     square = (distance / tolerances.distance) ** 2
     if corners is not None and primitive.kind == "plane":
         normals = corners.normals
-    cosine = sign * np.einsum("ij,ij->i", there, normals)
+    cosine = np.einsum("ij,ij->i", outwards, normals)
     turn = 2 * (1 - cosine) / tolerances.angle**2  # angle^2 where it is small
     if corners is not None:
         off = (corners.off(primitive) / EXACT) ** 2
