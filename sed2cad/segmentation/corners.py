@@ -53,7 +53,7 @@ class Corners:
         """Those of points that lie on the triangles `on` (n,) of a mesh."""
         return cls(mesh.vertices, mesh.faces[on], mesh.face_normals()[0][on], planar_facets(mesh, SMOOTH)[on])
 
-    def __getitem__(self, members: NDArray[np.int64]) -> Corners:
+    def __getitem__(self, members: NDArray[np.int64] | slice) -> Corners:
         return Corners(self.vertices, self.triangles[members], self.normals[members], self.facets[members])
 
     def alone(self) -> Corners:

@@ -276,19 +276,18 @@ class Refiner:
         points, normals, freeform = self.points[members], self.normals[members], float(self.freeform[members].mean())
         return Case.of(points, normals, self.tolerances, freeform, self._corners(members))
 
-    def _data_cost(self, choice: Choice, members: NDArray[np.int64]) -> Array:
+    def _data_cost(self, choice: Choice, members: NDArray[np.int64] | slice) -> Array:
         points, normals = self.points[members], self.normals[members]
         return data_cost(choice.primitive, choice.sign, points, normals, self.tolerances, self._corners(members))
 
-    def _corners(self, members: NDArray[np.int64]) -> Corners | None:
+    def _corners(self, members: NDArray[np.int64] | slice) -> Corners | None:
         return None if self.corners is None else self.corners[members]
 
     def _cost(self, state: State) -> Array:
         """Data cost (n, k). Freeform patches, slow to measure and meaningless far away, only around their points."""
         cost = np.full((self.graph.size, len(state.primitives)), self.tolerances.cap)
-        everyone = np.arange(self.graph.size)
         for column, (choice, members) in enumerate(zip(state.primitives, groups(state.labels))):
-            near = everyone if choice.primitive.freedom else self._around(members)
+            near = slice(None) if choice.primitive.freedom else self._around(members)
             cost[near, column] = self._data_cost(choice, near)
         return cost
 
