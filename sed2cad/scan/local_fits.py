@@ -37,6 +37,10 @@ class LocalFits:
         """Room for so many."""
         return cls(np.empty((count, 3)), np.empty((count, 3)), *np.empty((6, count)))
 
+    def __getitem__(self, rows: NDArray[np.int64]) -> LocalFits:
+        """Those of some points."""
+        return LocalFits(*(column[rows] for column in vars(self).values()))
+
     def put(self, rows: NDArray[np.int64], other: LocalFits, chosen: NDArray[np.bool_]) -> None:
         """Replace some rows (m,) by those of another that are chosen (m,)."""
         for mine, theirs in zip(vars(self).values(), vars(other).values()):

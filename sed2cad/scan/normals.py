@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sed2cad.scan.local_fits import TERMS, LocalFits, fit_planes, fit_quadrics
+from sed2cad.scan.local_fits import LocalFits, fit_planes, fit_quadrics
 from sed2cad.scan.neighbours import search_tree
 from sed2cad.scan.scan import Array
 
 WIDEST = 64
 """Nearest points (itself included) to which planes are fitted first: many, against noise."""
-SCALES = {8: False, 12: False, 16: False, 24: True, 32: True}
-"""The same where these planes are not sure: few, for detail. And whether quadrics are fitted, too."""
+SCALES = (8, 12, 16, 24, 32)
+"""The same where these planes are not sure: few, for detail."""
+CURVED = 24
+"""Points from which on quadrics are fitted, too."""
 SURE = 0.02
 """Radians: surfaces that are expected to be off by less are not bettered."""
 SOME = 5_000
@@ -43,7 +45,7 @@ class Tangents:
 
 
 def tangents(points: Array) -> Tangents:
-    """Tangent planes of the points (n, 3) in the unit frame.
+    """Tangent planes of the points (n > 32, 3) in the unit frame.
 
     Planes and quadrics (Cazals and Pouget 2005, osculating jets) are fitted at several scales, and the one with the
     smallest expected error counts; near an edge that is the plane of a neighbour whose neighbourhood does not cross
@@ -51,10 +53,8 @@ def tangents(points: Array) -> Tangents:
     where 16 neighbours alone give 9.8; in a fillet four points wide the median is 5.
     """
     fits, near = _best_fits(points)
-    choice = _chosen(fits, points, near)
-    normals, centres, gap = fits.normals[choice], fits.centres[choice], fits.gap[choice]
-    off = np.einsum("ij,ij->i", normals, points - centres)
-    feet = points - (off - np.sign(off) * gap)[:, None] * normals
+    chosen = fits[_chosen(fits, points, near)]
+    normals, feet = chosen.normals, chosen.feet(points)
     for _ in range(2):
         normals = _smoothed(normals, near)
     return Tangents(normals, feet, near)
@@ -84,22 +84,19 @@ def _best_fits(points: Array) -> tuple[LocalFits, NDArray[np.int64]]:
 def _noise(points: Array, tree: cKDTree) -> float:
     """Variance of the points (n, 3) about quadrics, which bend with the surface."""
     some = np.linspace(0, len(points) - 1, min(SOME, len(points))).astype(int)
-    local = points[tree.query(points[some], min(max(SCALES), len(points)))[1]]
-    planes, axes = fit_planes(local, 0.0)
-    curved = local.shape[1] > TERMS
-    return float(np.median((fit_quadrics(points[some], local, planes, axes, 0.0) if curved else planes).residual))
+    local = points[tree.query(points[some], SCALES[-1])[1]]
+    return float(np.median(fit_quadrics(points[some], local, *fit_planes(local, 0.0), 0.0).residual))
 
 
 def _improve(best: LocalFits, points: Array, rows: NDArray[np.int64], index: NDArray[np.int64], noise: float) -> None:
     """Take what is better at smaller scales for some rows (m,), with their nearest points (m, k)."""
-    for k, curved in SCALES.items():
+    for k in SCALES:
         local = points[index[:, :k]]
         planes, axes = fit_planes(local, noise)
-        found = [planes]
-        if curved and local.shape[1] > TERMS:
-            found.append(fit_quadrics(points[rows], local, planes, axes, noise))
-        for fits in found:
-            best.put(rows, fits, fits.tilt() < best.tilt(rows))
+        best.put(rows, planes, planes.tilt() < best.tilt(rows))
+        if k >= CURVED:
+            quadrics = fit_quadrics(points[rows], local, planes, axes, noise)
+            best.put(rows, quadrics, quadrics.tilt() < best.tilt(rows))
 
 
 def _chosen(fits: LocalFits, points: Array, near: NDArray[np.int64]) -> NDArray[np.int64]:
