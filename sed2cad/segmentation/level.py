@@ -30,6 +30,7 @@ class Level:
     part: Labels | None = None  # (m,) of the mesh, between sharp edges
     corners: Corners | None = None  # on a mesh of a CAD system
     fewest: int = FEWEST  # points that make a patch
+    rim: float = 0.0  # spacings that the inner points of a patch keep off others, farther than their neighbours
 
     @classmethod
     def of(cls, scan: Scan, rows: NDArray[np.int64], tolerances: Tolerances) -> Level:

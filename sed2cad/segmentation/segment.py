@@ -31,6 +31,7 @@ Labels = NDArray[np.int64]
 COARSE = 10_000  # points that the first refinement sees: those that the network sees
 FINE = 100_000  # points that the second one sees; of a scan with more, the others follow their neighbours
 FINE_ROUNDS = 2
+RIM = 4.0  # spacings, two points' distance: estimated normals bend that far from an edge
 SHARP_ROUNDS = 3
 SHARPEST = 0.045  # radians: no normals are trusted more, as a tessellation leaves that much
 NEARLY_ALL = 0.98
@@ -104,8 +105,8 @@ def _closer_look(
 ) -> tuple[Level, State]:
     """The patches of some points, refined on all; what few of them made up is found again where there are more."""
     fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
-    if scan.noise > FINEST:  # estimated normals err together: chance makes faces of a handful of points
-        fine = replace(fine, fewest=max(FEWEST, FEWEST * len(fine.rows) // (2 * COARSE)))
+    if scan.noise > FINEST:  # estimated normals err together: by chance like a face, and along edges as on a fillet
+        fine = replace(fine, fewest=max(FEWEST, FEWEST * len(fine.rows) // (2 * COARSE)), rim=RIM)
     nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
     refiner = fine.refiner(tolerances, None if freeform is None else freeform[nearest])
     count = np.bincount(state.labels + 1)[state.labels + 1]

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from sed2cad.brep.worker import run_each
 from sed2cad.fitting import select
 from sed2cad.segmentation.choose import plausible
 from sed2cad.segmentation.energy import Tolerances
-from sed2cad.segmentation.graph import Graph
 from sed2cad.segmentation.level import Level
 from sed2cad.segmentation.refine import State
 from sed2cad.segmentation.strips import groups
@@ -28,7 +28,7 @@ def settle(level: Level, state: State, tolerances: Tolerances, noise: float) -> 
     The refinement compares kinds within its tolerance, which is wider than the noise of a clean scan: there, a narrow
     cone passes for a sphere, and a piece of a freeform skin for a cylinder. The vertices of a mesh leave no doubt.
     """
-    inner = _inner(level.graph, state.labels)
+    inner = _inner(level, state.labels)
     kinds: list[str | None] = []
     open_: list[_Question] = []
     for members, choice in zip(groups(state.labels), state.primitives):
@@ -61,9 +61,12 @@ def _kind(asked: _Question) -> str:
     return asked.before if kind == "bspline" and len(asked.points) < FREEFORM else kind
 
 
-def _inner(graph: Graph, labels: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Points (n,) all of whose neighbours have their label."""
-    i, j = graph.pairs.T
+def _inner(level: Level, labels: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Points (n,) all of whose neighbours have their label, or all points as near as the rim is wide."""
+    pairs = level.graph.pairs
+    if level.rim:
+        pairs = cKDTree(level.points).query_pairs(level.rim * level.graph.spacing, output_type="ndarray")
+    i, j = pairs.T
     other = labels[i] != labels[j]
     out = np.ones(len(labels), bool)
     out[i[other]] = out[j[other]] = False
