@@ -30,7 +30,7 @@ from sed2cad.scan.scan import Scan
 
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
 _INDEPENDENT = 50  # points of a patch that err independently, as far as parameters are concerned
-_LEAST_INTERIOR = 1 / 3  # of a patch: less of a narrow one may all lie in one place
+_LEAST_INTERIOR = 0.1  # of a patch: less of a narrow one may all lie in one place
 _STRAY = 9.0  # chi^2 of a point that does not belong
 _SIMPLER: Mapping[str, Sequence[str]] = {
     "cylinder": ("plane",),
