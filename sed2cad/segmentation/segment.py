@@ -103,14 +103,13 @@ def _first_look(
 def _closer_look(
     scan: Scan, level: Level, state: State, tolerances: Tolerances, freeform: Array | None, seed: int
 ) -> tuple[Level, State]:
-    """The patches of some points, refined on all; what few of them made up is found again where there are more."""
-    fine = Level.of(scan, _some(scan, FINE, seed), tolerances)
+    """The patches of some points, refined on all; of a noisy scan, what few of them made up is found again."""
+    fine, labels = Level.of(scan, _some(scan, FINE, seed), tolerances), state.labels
     if scan.noise > FINEST:  # estimated normals err together: by chance like a face, and along edges as on a fillet
         fine = replace(fine, fewest=max(FEWEST, FEWEST * len(fine.rows) // (2 * COARSE)), rim=RIM)
+        labels = np.where(np.bincount(labels + 1)[labels + 1] < FEW, UNEXPLAINED, labels)
     nearest = spread(level, np.arange(len(level.rows)), fine.points, fine.normals)
     refiner = fine.refiner(tolerances, None if freeform is None else freeform[nearest])
-    count = np.bincount(state.labels + 1)[state.labels + 1]
-    labels = np.where(count < FEW, UNEXPLAINED, state.labels)
     state = State(labels[nearest], state.primitives).compact()
     if fine.part is not None:
         state = refiner.start([state.labels, _large(fine.part)])
