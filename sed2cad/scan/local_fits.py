@@ -85,14 +85,14 @@ def fit_quadrics(points: Array, local: Array, planes: LocalFits, axes: Array, no
     n, k, _ = local.shape
     local = (local - planes.centres[:, None]) @ axes
     scale = np.sqrt(np.mean(local[:, :, 1:] ** 2, axis=1)) + np.sqrt(_TINY)
-    terms, off = _terms(local[:, :, 1:] / scale[:, None]), local[:, :, 0]
+    terms, off = quadric_terms(local[:, :, 1:] / scale[:, None]), local[:, :, 0]
     inverse = np.asarray(np.linalg.inv(terms.swapaxes(1, 2) @ terms + 1e-9 * np.eye(TERMS)), np.float64)
     found = np.einsum("nij,nkj,nk->ni", inverse, terms, off, optimize=True)
     misfit = off - (terms @ found[:, :, None])[:, :, 0]
     residual = np.einsum("nk,nk->n", misfit, misfit) / (k - TERMS) + _TINY
 
     here = np.einsum("ni,nij->nj", points - planes.centres, axes)[:, 1:] / scale
-    value, slopes = _terms(here), _slopes(here) / scale[:, :, None]
+    value, slopes = quadric_terms(here), _slopes(here) / scale[:, :, None]
     tilt = np.einsum("nsi,ni->ns", slopes, found)
     normals = axes[:, :, 0] - tilt[:, :1] * axes[:, :, 1] - tilt[:, 1:] * axes[:, :, 2]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -109,7 +109,7 @@ def fit_quadrics(points: Array, local: Array, planes: LocalFits, axes: Array, no
     )
 
 
-def _terms(place: Array) -> Array:
+def quadric_terms(place: Array) -> Array:
     """Of a quadric (..., 6) at (u, v) = place (..., 2)."""
     u, v = place[..., 0], place[..., 1]
     return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sed2cad.scan.local_fits import TERMS, quadric_terms
 from sed2cad.scan.neighbours import search_tree
 from sed2cad.scan.scan import Array
 
@@ -14,7 +15,6 @@ COUNT = 24
 """Neighbours that a paraboloid is fitted to."""
 SAME_FACE = 0.9
 """Cosine between normals from which on a neighbour counts as of the same face."""
-COEFFICIENTS = 6
 QUANTILE, NORMAL_QUANTILE = 0.25, -0.6745
 """The quarter of the samples with the smallest scatter decides: edges and small features make the others too
 big."""
@@ -48,11 +48,11 @@ def _residual_variance(points: Array, normals: Array, some: NDArray, near: NDArr
     radius = np.sqrt((local**2).sum(axis=0).mean(axis=1))
     x, y, z = local / np.maximum(radius, 1e-300)[:, None]
     weight = np.einsum("nki,ni->nk", normals[near], up) > SAME_FACE
-    enough = weight.sum(axis=1) >= COEFFICIENTS + 4
-    basis = (np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2) * weight[:, :, None])[enough]
+    enough = weight.sum(axis=1) >= TERMS + 4
+    basis = (quadric_terms(np.stack([x, y], axis=2)) * weight[:, :, None])[enough]
     height = (z * weight)[enough]
-    gram = basis.transpose(0, 2, 1) @ basis + 1e-9 * np.eye(COEFFICIENTS)
+    gram = basis.transpose(0, 2, 1) @ basis + 1e-9 * np.eye(TERMS)
     solution = np.linalg.solve(gram, basis.transpose(0, 2, 1) @ height[:, :, None])
     left = height - (basis @ solution)[:, :, 0]
-    freedom = weight[enough].sum(axis=1) - COEFFICIENTS
+    freedom = weight[enough].sum(axis=1) - TERMS
     return (left**2).sum(axis=1) / freedom * radius[enough] ** 2, freedom

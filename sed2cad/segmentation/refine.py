@@ -217,7 +217,7 @@ class Refiner:
         seeds = np.linspace(0, len(members) - 1, min(8, 1 + len(members) // 12)).astype(int)
         tree = cKDTree(place)
         for size in (8, 16, 40):
-            if size < len(members):
+            if self.fewest <= size < len(members):
                 samples += list(members[np.atleast_2d(tree.query(place[seeds], k=size)[1])])
         return samples
 
