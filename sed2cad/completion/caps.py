@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sed2cad.completion.gaps import Gap
-from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.base import FittedPatch, Patch, Primitive
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
@@ -38,6 +38,12 @@ class Cap:
     def is_within(self, points: Array, slack: float) -> NDArray[np.bool_]:
         """Which points (n, 3) are on the scan's side, or at most `slack` beyond."""
         return np.asarray(self.side * self.patch.primitive.distance(points) > -slack)
+
+    def ends(self, surface: Primitive) -> bool:
+        """Whether a surface ends at the plane, as it does not by itself: a cylinder that lies on it does."""
+        if isinstance(surface, Cylinder):
+            return abs(float(surface.axis @ self.patch.primitive.normal(np.zeros((1, 3)))[0])) > _SAME
+        return isinstance(surface, Plane | Cone)
 
 
 def flat_caps(scan: Scan, gap: Gap, fitted: Sequence[FittedPatch]) -> list[Cap]:

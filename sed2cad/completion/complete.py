@@ -21,20 +21,22 @@ from sed2cad.completion.gaps import Gap, find_gaps
 from sed2cad.components import components
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
-from sed2cad.primitives.cone import Cone
-from sed2cad.primitives.plane import Plane
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.edges import surface_samples
 from sed2cad.topology.proxy import closed_input, proxy_mesh, proxy_quality
 from sed2cad.topology.samples import Samples, neighbours, on_surfaces, settled_labels
 
-_GOOD = 0.02  # share of the points that a proxy may miss: else it is no proxy, and what it closes no gap
+_NONE = 0.3  # share of the points that a proxy misses which is none: what it closes is no gap
+_LOOKS = 4  # at the proxy
+_GOOD = 0.02  # that a good one may miss; with what completes the scan none may miss more than without
 _WIDER = 1.5  # radii of a gap's ball in which surfaces are extended
 _APART = 0.35  # reaches: samples nearer to the scan's points are not needed
+_FEW = 4  # points beside a sample that tell whether it runs along a face
+_PARALLEL = 0.97  # cosine of the normals from which it does
 _LINKED = 1.8  # spacings between neighbouring samples
 _SLACK = 0.25  # spacings beyond a cap
 _DOUBLE = 0.5  # reaches: a cap nearer than this to another surface, for most of it, is not needed
-_LEAST = 8  # samples of a cap that is one
+_LEAST = 8  # samples of a cap that is one, and of a piece of a face that goes on
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Completed:
     scan: Scan
     fitted: list[FittedPatch]
     caps: tuple[int, ...] = ()  # indices of the patches that only close a gap
-    proxy: Mesh | None = None  # of the scan; None where it was changed
+    proxy: Mesh | None = None  # None where none was found
     added: int = 0  # points at the end of the scan's that were not measured
 
     @property
@@ -62,36 +64,61 @@ class Completed:
 
 
 def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
-    """The scan with its gaps closed, the largest first. A closed mesh has none."""
+    """The scan with its gaps closed, the largest first. A closed mesh has none.
+
+    A proxy that misses points may show gaps where there are none: then the largest is closed before the next look.
+    """
     own = closed_input(scan)
+    whole = Completed(scan, list(fitted), proxy=own)
     if own is not None:
-        return Completed(scan, list(fitted), proxy=own)
+        return whole
+    whole, missed = _with_proxy(whole)
+    for _ in range(_LOOKS):
+        gaps = find_gaps(whole.scan, whole.proxy) if whole.proxy is not None and missed < _NONE else []
+        gaps = sorted(gaps, key=lambda gap: -gap.radius)[: None if missed < _GOOD else 1]
+        if not gaps:
+            break
+        part = _Part(whole, len(fitted))
+        for gap in gaps:
+            part.close(gap)
+        if not len(part.found):
+            break
+        more, misses = _with_proxy(part.whole())
+        if misses > max(missed, _GOOD):
+            break
+        whole, missed = more, misses
+    return whole
+
+
+def _with_proxy(completed: Completed) -> tuple[Completed, float]:
+    """The same with a proxy, and the share of the measured points that this misses; all where there is none."""
     try:
-        mesh = proxy_mesh(scan, fitted)
+        mesh = proxy_mesh(completed.scan, completed.fitted)
     except AssemblyError:  # another rung of the ladder may find one
-        return Completed(scan, list(fitted))
-    gaps = find_gaps(scan, mesh) if proxy_quality(mesh, scan) < _GOOD else []
-    if not gaps:
-        return Completed(scan, list(fitted), proxy=mesh)
-    part = _Part(scan, list(fitted), settled_labels(scan, fitted, neighbours(scan)), surface_samples(scan, fitted))
-    for gap in sorted(gaps, key=lambda gap: -gap.radius):
-        part.close(gap)
-    return part.completed() if len(part.found) else Completed(scan, list(fitted), proxy=mesh)
+        return completed, 1.0
+    scan, count = completed.scan, len(completed.measured)
+    measured = replace(scan, points=scan.points[:count], normals=scan.normals[:count])
+    return replace(completed, proxy=mesh), proxy_quality(mesh, measured)
 
 
 @dataclass
 class _Part:
     """What is known of a part, and found in its gaps so far."""
 
-    scan: Scan
-    patches: list[FittedPatch]  # of the scan, then caps
-    owner: NDArray[np.int64]  # (n,) patch of each point of the scan, -1 for none
-    faces: Samples  # of what the scan shows and of what was found
-    measured: int = field(init=False)  # patches of the scan
+    completed: Completed  # so far
+    measured: int  # patches of the scan; the others are caps
+    scan: Scan = field(init=False)
+    patches: list[FittedPatch] = field(init=False)
+    owner: NDArray[np.int64] = field(init=False)  # (n,) patch of each point of the scan, -1 for none
+    faces: Samples = field(init=False)  # of what the scan shows and of what was found
     found: Samples = field(init=False)
 
     def __post_init__(self) -> None:
-        self.measured, self.found = len(self.patches), self.faces[:0]
+        scan = self.scan = self.completed.scan
+        self.patches = list(self.completed.fitted)
+        self.owner = settled_labels(scan, self.patches, neighbours(scan))
+        self.faces = surface_samples(scan, self.patches)
+        self.found = self.faces[:0]
 
     def close(self, gap: Gap) -> None:
         """Find the samples that close a gap."""
@@ -102,7 +129,8 @@ class _Part:
         candidates = self._candidates(gap, around, caps)
         if len(candidates) == 0:
             return
-        more = self._without_doubles(on_cheapest(self.scan, gap, self.faces, candidates, self.measured), gap.reach)
+        more = _without_crumbs(on_cheapest(self.scan, gap, self.faces, candidates, self.measured), gap.spacing)
+        more = self._without_doubles(more, gap.reach)
         labels = more.labels[:, 0]
         more = Samples.within_faces(more.points, labels, on_surfaces(more.points, labels, self.patches)[1])
         self.found += more
@@ -118,20 +146,34 @@ class _Part:
     def _candidates(self, gap: Gap, around: Sequence[int], caps: Sequence[Cap]) -> Samples:
         """Samples, without normals, of the patches around a gap where these have none yet, up to the caps."""
         points: list[Array] = []
+        shown = cKDTree(self.faces.points)
         for k in around:
             surface = self.patches[k].primitive
             more = samples_in_ball(surface, gap.centre, _WIDER * gap.radius, gap.spacing)
-            if caps and isinstance(surface, Plane | Cone):  # what has no end ends at a cap
-                more = more[np.all([cap.is_within(more, _SLACK * gap.spacing) for cap in caps], axis=0)]
+            for cap in caps:
+                if cap.ends(surface):
+                    more = more[cap.is_within(more, _SLACK * gap.spacing)]
             own = self.faces.points[(self.faces.labels == k).any(axis=1)]
             if len(own):
                 away, _ = cKDTree(own).query(more)
                 more = more[away > _APART * gap.reach]
+                more = more[~self._is_shown(shown, k, more, gap.reach)]
                 more = more[_reached(more, self.scan.points[gap.rim], gap)]
             points.append(more)
         labels = np.repeat(np.array(around, dtype=np.int64), [len(more) for more in points])
         together = np.vstack([np.zeros((0, 3)), *points])
         return Samples.within_faces(together, labels, np.zeros_like(together))
+
+    def _is_shown(self, tree: cKDTree, own: int, points: Array, reach: float) -> NDArray[np.bool_]:
+        """Which samples (n, 3) of a patch run along another one that the scan shows, as where both have one surface;
+        tree: of the points of the faces."""
+        if len(points) == 0:
+            return np.zeros(0, dtype=bool)
+        off, at = tree.query(points, k=_FEW)
+        outwards = self.patches[own].sign * self.patches[own].primitive.normal(points)
+        along = np.einsum("ij,ikmj->ikm", outwards, self.faces.normals[at]).min(axis=2) > _PARALLEL
+        other = (self.faces.labels[at] != own).all(axis=2)
+        return np.asarray(((off < reach) & along & other).any(axis=1))
 
     def _without_doubles(self, found: Samples, reach: float) -> Samples:
         """The samples without caps that mostly run along another surface, as the tangent plane of a bore does."""
@@ -142,17 +184,26 @@ class _Part:
         double = [k for k in caps if np.median(off[labels == k]) < _DOUBLE * reach]
         return found[~np.isin(labels, double)]
 
-    def completed(self) -> Completed:
+    def whole(self) -> Completed:
         """The scan with what was found as points of its patches."""
-        labels = self.found.labels[:, 0]
+        scan, known, labels = self.scan, len(self.completed.fitted), self.found.labels[:, 0]
         counts = np.bincount(labels, minlength=len(self.patches))
-        kept = [k for k in range(len(self.patches)) if k < self.measured or counts[k] >= _LEAST]
+        kept = [k for k in range(len(self.patches)) if k < known or counts[k] >= _LEAST]
         found = self.found[np.isin(labels, kept)]
-        scan, labels = self.scan, found.labels[:, 0]
+        labels = found.labels[:, 0]
         fitted = [_with_points(self.patches[k], len(scan.points) + np.flatnonzero(labels == k)) for k in kept]
         points, normals = np.vstack([scan.points, found.points]), np.vstack([scan.normals, found.normals[:, 0]])
-        whole = replace(scan, points=points, normals=normals, mesh=None, part=None, triangle=None)
-        return Completed(whole, fitted, tuple(range(self.measured, len(fitted))), None, len(found))
+        scan = replace(scan, points=points, normals=normals, mesh=None, part=None, triangle=None)
+        caps = tuple(range(self.measured, len(fitted)))
+        return Completed(scan, fitted, caps, None, self.completed.added + len(found))
+
+
+def _without_crumbs(found: Samples, spacing: float) -> Samples:
+    """The samples that hang together with some others of their patch: what few of them bridge, needs no bridge."""
+    pairs = cKDTree(found.points).query_pairs(_LINKED * spacing, output_type="ndarray").astype(np.int64)
+    labels = found.labels[:, 0]
+    _, part = components(len(found), pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]])
+    return found[np.bincount(part)[part] >= _LEAST]
 
 
 def _with_points(patch: FittedPatch, more: NDArray[np.int64]) -> FittedPatch:

@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sed2cad.completion.gaps import Gap
-from sed2cad.scan.scan import Mesh, Scan
+from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.carve import sample_votes, triangulated
 from sed2cad.topology.mincut import min_cut
 from sed2cad.topology.samples import Samples, thinned
 
 _MIXED = 10.0  # what keeps samples of different patches apart
-_MOST_SAMPLES = 4000  # among which one cut chooses
+_MOST_SAMPLES = 8000  # among which one cut chooses
 _COARSER = 1.2
 _BESIDE = 1.5  # cells: how far from a coarse cut the next one looks
+_LONG = 4.0  # cells: a facet so long between samples of one surface is a chord, not on it
 _ALONG = 0.5  # share of the cut around a sample that runs along its patch
 _EXTENDED, _CAPPED, _NOWHERE = 0.1, 0.3, 1.0  # cost of area: of surfaces and caps beyond the scan, off all of them
 
@@ -32,17 +33,22 @@ def on_cheapest(scan: Scan, gap: Gap, faces: Samples, candidates: Samples, measu
     off, _ = cKDTree(scan.points[gap.rim]).query(faces.points)
     faces = replace(faces, normals=np.where((off > gap.reach)[:, None, None], faces.normals, 0.0))
     cell = np.inf
-    while True:
-        finest, cell, few = cell, gap.spacing, candidates
-        while len(few) > _MOST_SAMPLES:
-            cell *= _COARSER
-            few = thinned(candidates, cell)
-        if cell > finest / _COARSER:
-            return candidates
+    while cell > gap.spacing:
+        cell, few = _coarsened(candidates, gap.spacing, cell / _COARSER**2)
         known = thinned(faces[near], cell) + thinned(faces[~near], max(cell, gap.radius / 2))
-        on = few[_on_cut(known, few, cell, measured)]
-        reach = _BESIDE * cell if cell > gap.spacing else 0.5 * cell
-        candidates = candidates[_is_near(on, candidates, reach)]
+        on, band = _on_cut(known, few, cell, measured)
+        if cell > gap.spacing:
+            candidates = candidates[cKDTree(band).query(candidates.points)[0] < _BESIDE * cell]
+    return candidates[_is_near(few[on], candidates, 0.5 * cell)]
+
+
+def _coarsened(candidates: Samples, finest: float, coarsest: float) -> tuple[float, Samples]:
+    """A cell between two sizes, and one candidate in each: few, that a cut is quick, as far as the coarsest allows."""
+    cell, few = finest, candidates
+    while len(few) > _MOST_SAMPLES and cell < coarsest:
+        cell = min(_COARSER * cell, coarsest)
+        few = thinned(candidates, cell)
+    return cell, few
 
 
 def _is_near(some: Samples, samples: Samples, reach: float) -> NDArray[np.bool_]:
@@ -54,8 +60,9 @@ def _is_near(some: Samples, samples: Samples, reach: float) -> NDArray[np.bool_]
     return np.asarray(distance < reach)
 
 
-def _on_cut(faces: Samples, ghosts: Samples, spacing: float, measured: int) -> NDArray[np.bool_]:
-    """Which ghosts (n,) lie on the cheapest surface between inside and outside, of which the faces tell."""
+def _on_cut(faces: Samples, ghosts: Samples, spacing: float, measured: int) -> tuple[NDArray[np.bool_], Array]:
+    """Which ghosts (n,) lie on the cheapest surface between inside and outside, of which the faces tell; and the
+    corners (m, 3) of its facets that are not on what the scan shows."""
     samples = faces + ghosts
     tetrahedra = triangulated(samples.points, spacing)
     first, across = np.nonzero(tetrahedra.neighbours > np.arange(len(tetrahedra.corners))[:, None])
@@ -63,13 +70,17 @@ def _on_cut(faces: Samples, ghosts: Samples, spacing: float, measured: int) -> N
     facets = tetrahedra.facets(first, across)
     _, area = Mesh(tetrahedra.points, facets).face_normals()
     shared = _shared(facets, samples.labels, len(tetrahedra.points))
+    corners = tetrahedra.points[facets]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    shared[longest > _LONG * spacing] = -1
     price = np.where(shared < 0, _NOWHERE, np.where(shared < measured, _EXTENDED, _CAPPED)) * area / spacing**2
     vote = sample_votes(tetrahedra, samples)
     inside = ~min_cut(np.maximum(vote, 0), np.maximum(-vote, 0), np.column_stack([first, second]), price, price)
     cut = inside[first] != inside[second]
     along = area[cut] * (shared[cut] >= 0)
     whole, own = (np.bincount(facets[cut].ravel(), np.repeat(a, 3), len(tetrahedra.points)) for a in (area[cut], along))
-    return ((own > _ALONG * whole) & (whole > 0))[len(faces) : len(samples)]
+    new = facets[cut][(shared[cut] < 0) | (facets[cut] >= len(faces)).any(axis=1)]
+    return ((own > _ALONG * whole) & (whole > 0))[len(faces) : len(samples)], tetrahedra.points[new.ravel()]
 
 
 def _shared(facets: NDArray[np.int64], labels: NDArray[np.int64], count: int) -> NDArray[np.int64]:

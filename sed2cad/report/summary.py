@@ -72,7 +72,7 @@ def _unseen(assembly: Assembly, completed: Completed) -> list[str]:
 
 
 def _boundaries(assembly: Assembly, names: tuple[str, ...], frame: Frame) -> tuple[Boundary, ...]:
-    """The loops that the faces which were left out had."""
+    """The loops that the faces which were left out had, the longest first."""
     topology = assembly.topology
     found = []
     left_out = [region for region in topology.regions if region.primitive in assembly.open_at]
@@ -85,7 +85,7 @@ def _boundaries(assembly: Assembly, names: tuple[str, ...], frame: Frame) -> tup
         x, y, z = ((low + high) / 2).tolist()
         whole = sum(length(way, chain.closed) for way, chain in zip(ways, chains))
         found.append(Boundary(tuple(along), whole, (x, y, z)))
-    return tuple(found)
+    return tuple(sorted(found, key=lambda boundary: -boundary.length))
 
 
 def _replaced(assembly: Assembly) -> list[str]:

@@ -15,7 +15,7 @@ from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.topology.proxy import divided, proxy_mesh, welded
 from tests.completion.scans import on_a_table, seen
-from tests.topology.scans import box, box_mesh, box_with_hole, ring, scan_of, sphere, stacked_cylinder, wall
+from tests.topology.scans import Piece, box, box_mesh, box_with_hole, ring, scan_of, sphere, stacked_cylinder, wall
 
 Z = np.array([0.0, 0.0, 1.0])
 ROUND = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
@@ -160,3 +160,38 @@ def test_caps_hold_the_rim_on_the_side_of_the_scan() -> None:
     assert cap.side == -1
     assert cap.is_within(scan.points, 1e-3).mean() > 0.99
     assert not cap.is_within(np.array([[0.0, 0.0, -0.3]]), 1e-3).any()
+
+
+def test_a_disc_is_capped_where_its_wall_ends() -> None:
+    """A wall that goes on needs a bottom too: chords across it are on no surface."""
+    scan, fitted = on_a_table(*scan_of([ring(0, 0.35, -0.1, -1), wall(0.35, -0.1, 0.1), ring(0, 0.35, 0.1, 1)], 8000))
+    found = complete(scan, fitted)
+    assert cap_of(found).offset == pytest.approx(0.1, abs=0.01)
+    assert added(found)[:, 2].min() > -0.11
+
+
+@pytest.mark.parametrize("holes", [1, 6])
+def test_the_cap_of_a_large_gap_is_whole(holes: int) -> None:
+    """A coarse cut among many surfaces says only where finer ones look."""
+    at = 0.22 * np.column_stack([np.cos(np.arange(holes)), np.sin(np.arange(holes))])
+    low, high = ring(0, 0.35, -0.1, -1), ring(0, 0.35, 0.1, 1)
+    bores = [_moved(wall(0.06, -0.1, 0.1, -1), x, y) for x, y in at]
+    scan, fitted = scan_of([low, wall(0.35, -0.1, 0.1), high, *bores], 12_000)
+    far = (np.linalg.norm(scan.points[:, None, :2] - at, axis=2) > 0.06 - 1e-9).all(axis=1)
+    scan, fitted = on_a_table(*seen(scan, fitted, far))
+    found = complete(scan, fitted)
+    own = added(found)[found.fitted[found.caps[0]].patch.indices - len(found.measured)]
+    ways = np.random.default_rng(0).uniform(-0.33, 0.33, (4000, 2))
+    ways = ways[np.linalg.norm(ways, axis=1) < 0.33]
+    ways = ways[(np.linalg.norm(ways[:, None] - at, axis=2) > 0.08).all(axis=1)]
+    off = np.linalg.norm(ways[:, None] - own[None, :, :2], axis=2).min(axis=1)
+    assert off.max() < 0.03
+    assert np.linalg.norm(own[:, None, :2] - at, axis=2).min() > 0.05
+
+
+def _moved(piece: Piece, x: float, y: float) -> Piece:
+    """A wall around another axis."""
+    surface, sign, area, sampler = piece
+    assert isinstance(surface, Cylinder)
+    moved = Cylinder(Z, np.array([x, y, 0.0]), surface.radius)
+    return moved, sign, area, lambda rng, count: np.add(sampler(rng, count), [x, y, 0.0])
