@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sed2cad.completion.gaps import Gap
+from sed2cad.components import components
 from sed2cad.primitives.base import FittedPatch, Patch, Primitive
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
@@ -22,6 +23,7 @@ _OUTSIDE = 0.02  # share of the rim that may lie farther out
 _LEAST = 0.15  # share of the rim that must be near, less what other caps explain
 _SAME = np.cos(np.radians(5.0))
 _MOST = 6
+_APART = 3.0  # reaches between two loops of a rim
 _INNER = 24  # points around one of the rim, most of them on the scan's side,
 _LAYER = 3.0  # reaches between two caps
 _DEEP = 0.1  # reaches from the plane on average
@@ -34,6 +36,7 @@ class Cap:
 
     patch: FittedPatch  # without points
     side: int
+    whole: bool  # whether all of the rim is on that side, not only one of its loops, as around the head of a screw
 
     def is_within(self, points: Array, slack: float) -> NDArray[np.bool_]:
         """Which points (n, 3) are on the scan's side, or at most `slack` beyond."""
@@ -41,50 +44,62 @@ class Cap:
 
     def ends(self, surface: Primitive) -> bool:
         """Whether a surface ends at the plane, as it does not by itself: a cylinder that lies on it does."""
+        if not self.whole:
+            return False
         if isinstance(surface, Cylinder):
             return abs(float(surface.axis @ self.patch.primitive.normal(np.zeros((1, 3)))[0])) > _SAME
         return isinstance(surface, Plane | Cone)
 
 
 def flat_caps(scan: Scan, gap: Gap, fitted: Sequence[FittedPatch]) -> list[Cap]:
-    """Planes that have what can be seen around a gap on one side and a good part of its rim near them.
+    """Planes that have what can be seen around a gap, or around a loop of its rim, on one side, and a good part of its
+    rim near them.
 
     They look along the directions that the part has, or as the whole rim does.
     """
     rim = scan.points[gap.rim]
     _, inner = cKDTree(scan.points).query(rim, k=_INNER)
     height = [(normal, rim @ normal, scan.points[inner] @ normal) for normal in _directions(scan, gap, fitted)]
+    loops = _loops(rim, gap.reach)
     free = np.ones(len(rim), dtype=bool)
     found: list[Cap] = []
-    candidates = [cap for told in height for side in (-1, 1) for cap in _supporting(*told, side, gap.reach)]
+    ways = [(told, loop, side) for loop in loops for told in height for side in (-1, 1)]
+    candidates = [cap for told, loop, side in ways for cap in _supporting(*told, loop, side, gap.reach)]
     for _ in range(_MOST):
-        own = [free & near for _, near, _ in candidates]
+        own = [free & near for _, near, _, _ in candidates]
         if not own:
             break
         best = int(np.argmax([mask.sum() for mask in own]))
         if own[best].sum() < max(_LEAST * len(rim), 3):
             break
-        plane, _, side = candidates[best]
+        plane, _, side, whole = candidates[best]
         free &= ~own[best]
         known = any(_is_same(plane, patch, gap) for patch in fitted)
         if not known and not any(_is_thin(plane, cap, gap) for cap in found):
-            found.append(Cap(_as_patch(plane, rim[own[best]], gap.reach), side))
+            found.append(Cap(_as_patch(plane, rim[own[best]], gap.reach), side, whole))
     return found
 
 
+def _loops(rim: Array, reach: float) -> list[NDArray[np.bool_]]:
+    """All points of a rim (m, 3), and those of each loop of it, where there are several."""
+    pairs = cKDTree(rim).query_pairs(_APART * reach, output_type="ndarray").astype(np.int64)
+    number, loop = components(len(rim), pairs)
+    return [np.ones(len(rim), dtype=bool), *(loop == k for k in range(number) if number > 1)]
+
+
 def _supporting(
-    normal: Array, rim: Array, inner: Array, side: int, reach: float
-) -> list[tuple[Plane, NDArray[np.bool_], int]]:
-    """The plane that has the rim, but for strays, on one side, and which of its points (m,) are near.
+    normal: Array, rim: Array, inner: Array, loop: NDArray[np.bool_], side: int, reach: float
+) -> list[tuple[Plane, NDArray[np.bool_], int, bool]]:
+    """The plane that has a loop of the rim, but for strays, on one side, and which of its points (m,) are near.
 
     rim (m,), inner (m, k): heights of the rim and of the points around each of its own. None where these are on the
     other side.
     """
-    offset = float(np.quantile(rim, 1 - _OUTSIDE if side < 0 else _OUTSIDE))
-    near = np.abs(rim - offset) < _NEAR * reach
+    offset = float(np.quantile(rim[loop], 1 - _OUTSIDE if side < 0 else _OUTSIDE))
+    near = loop & (np.abs(rim - offset) < _NEAR * reach)
     if not near.any() or side * (inner[near].mean() - offset) < _DEEP * reach:
         return []
-    return [(Plane(normal, offset), near, side)]
+    return [(Plane(normal, offset), near, side, bool(loop.all()))]
 
 
 def _directions(scan: Scan, gap: Gap, fitted: Sequence[FittedPatch]) -> list[Array]:

@@ -75,18 +75,18 @@ def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
     whole, missed = _with_proxy(whole)
     for _ in range(_LOOKS):
         gaps = find_gaps(whole.scan, whole.proxy) if whole.proxy is not None and missed < _NONE else []
-        gaps = sorted(gaps, key=lambda gap: -gap.radius)[: None if missed < _GOOD else 1]
         if not gaps:
             break
+        good = missed < _GOOD
         part = _Part(whole, len(fitted))
-        for gap in gaps:
+        for gap in sorted(gaps, key=lambda gap: -gap.radius)[: None if good else 1]:
             part.close(gap)
-        if not len(part.found):
-            break
-        more, misses = _with_proxy(part.whole())
+        more, misses = _with_proxy(part.whole()) if len(part.found) else (whole, 1.0)
         if misses > max(missed, _GOOD):
             break
         whole, missed = more, misses
+        if good:
+            break
     return whole
 
 

@@ -18,6 +18,8 @@ _AROUND = 8  # points whose distance says how far apart points lie somewhere
 _COARSE = 1.6  # edges of the proxy, where it is coarser than the points: as far apart as points would lie
 _FAR = 1.5  # times that distance: a triangle's centre so far from all points lies in a gap,
 _LONG = 2.0  # and with it the triangles beside it that have an edge so long
+_TURN = 1.3  # of it: how far away an opposite normal puts a point, half of that; a bevel's two faces remain beside it
+_WIDE = 4.0  # times it: mean width of a gap with points of other faces near by; a strip around a plate has thrice its
 _LEAST = 3.0  # times it: the radius of a gap; what is smaller, chance may leave, and the proxy closes
 _ACROSS = 100  # samples from the middle of a gap to its rim, no more
 
@@ -42,23 +44,34 @@ class Gap:
 
 
 def find_gaps(scan: Scan, mesh: Mesh) -> list[Gap]:
-    """The gaps of a scan in a proxy whose vertices lie near its points."""
+    """The gaps of a scan in a proxy whose vertices lie near its points.
+
+    There no point is near, or only points of faces that look elsewhere: the other side of a plate.
+    """
     distance, _ = nearest(scan.points, _AROUND)
     edges = mesh.edge_lengths()
     apart = np.maximum(distance[:, -1], _COARSE * float(np.median(edges)))
     tree = cKDTree(scan.points)
+    normals, areas = mesh.face_normals()
     off, at = tree.query(mesh.centroids())
+    turn = _TURN * float(np.median(apart))
+    alike = cKDTree(np.hstack([scan.points, turn * scan.normals]))
+    turned, _ = alike.query(np.hstack([mesh.centroids(), turn * normals]))
     _, corner = tree.query(mesh.vertices)
-    empty = off > _FAR * apart[at]
+    empty = turned > _FAR * apart[at]
     open_ = empty | (edges.max(axis=1) > _LONG * apart[corner[mesh.faces]].max(axis=1))
     near = adjacency(mesh).pairs
     _, group = components(len(mesh.faces), near[open_[near].all(axis=1)])
-    normals, areas = mesh.face_normals()
     found = []
     for one in np.unique(group[empty]).tolist():
         own = group == one
-        found.append(_gap(scan, np.unique(corner[mesh.faces[own]]), apart, areas[own] @ normals[own]))
-    return [gap for gap in found if gap.radius > _LEAST * gap.reach]
+        rim = np.unique(corner[np.intersect1d(mesh.faces[own], mesh.faces[~own])])
+        gap = _gap(scan, rim, apart, areas[own] @ normals[own]) if len(rim) else None
+        if gap is None or gap.radius < _LEAST * gap.reach:
+            continue
+        if (off > _FAR * apart[at])[own].any() or areas[own].sum() > _WIDE * gap.reach * 2 * gap.radius:
+            found.append(gap)
+    return found
 
 
 def _gap(scan: Scan, rim: NDArray[np.int64], apart: Array, outwards: Array) -> Gap:

@@ -189,6 +189,24 @@ def test_the_cap_of_a_large_gap_is_whole(holes: int) -> None:
     assert np.linalg.norm(own[:, None, :2] - at, axis=2).min() > 0.05
 
 
+def test_a_screw_seen_from_above_gets_the_underside_of_its_head() -> None:
+    """The plane there ends the head, not the shank."""
+    shank = [wall(0.15, -0.3, 0.1), ring(0, 0.15, -0.3, -1)]
+    head = [ring(0.15, 0.35, 0.1, -1), wall(0.35, 0.1, 0.25), ring(0, 0.35, 0.25, 1)]
+    scan, fitted = scan_of([*shank, *head], 10_000)
+    hidden = (scan.normals[:, 2] < -0.9) | ((scan.points[:, 2] < 0.1) & (scan.points[:, 2] > 0.02))
+    found = complete(*seen(scan, fitted, ~hidden))
+    offsets = [found.fitted[k].primitive.parameters()["offset"] for k in found.caps]
+    assert sorted(offsets) == pytest.approx([-0.1, 0.3], abs=0.01)
+    distance = np.abs(np.stack([patch.primitive.distance(added(found)) for patch in found.fitted])).min(axis=0)
+    assert distance.max() < 1e-9
+
+
+def test_the_unseen_side_of_a_plate_is_a_gap_though_the_other_is_near() -> None:
+    scan, fitted = on_a_table(*scan_of(box((0.7, 0.5, 0.02)), 5000))
+    assert cap_of(complete(scan, fitted)).offset == pytest.approx(0.01, abs=0.003)
+
+
 def _moved(piece: Piece, x: float, y: float) -> Piece:
     """A wall around another axis."""
     surface, sign, area, sampler = piece
