@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from sed2cad.completion.caps import Cap, flat_caps
 from sed2cad.completion.cut import on_cheapest
 from sed2cad.completion.extensions import samples_in_ball
-from sed2cad.completion.gaps import Gap, find_gaps
+from sed2cad.completion.gaps import Gap, find_gaps, joined
 from sed2cad.components import components
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
@@ -29,11 +29,11 @@ from sed2cad.topology.samples import Samples, neighbours, on_surfaces, settled_l
 _NONE = 0.3  # share of the points that a proxy misses which is none: what it closes is no gap
 _LOOKS = 4  # at the proxy
 _GOOD = 0.02  # that a good one may miss; with what completes the scan none may miss more than without
-_WIDER = 1.5  # radii of a gap's ball in which surfaces are extended
 _APART = 0.35  # reaches: samples nearer to the scan's points are not needed
 _FEW = 4  # points beside a sample that tell whether it runs along a face
 _PARALLEL = 0.97  # cosine of the normals from which it does
 _LINKED = 1.8  # spacings between neighbouring samples
+_LOW = 1.0  # reaches between a cap and the last points of a face that goes on to it
 _SLACK = 0.25  # spacings beyond a cap
 _DOUBLE = 0.5  # reaches: a cap nearer than this to another surface, for most of it, is not needed
 _LEAST = 8  # samples of a cap that is one, and of a piece of a face that goes on
@@ -79,7 +79,7 @@ def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
             break
         good = missed < _GOOD
         part = _Part(whole, len(fitted))
-        for gap in sorted(gaps, key=lambda gap: -gap.radius)[: None if good else 1]:
+        for gap in joined(gaps if good else gaps[:1]):
             part.close(gap)
         more, misses = _with_proxy(part.whole()) if len(part.found) else (whole, 1.0)
         if misses > max(missed, _GOOD):
@@ -123,6 +123,7 @@ class _Part:
     def close(self, gap: Gap) -> None:
         """Find the samples that close a gap."""
         caps = flat_caps(self.scan, gap, self.patches)
+        gap = self._with_feet(gap, caps)
         around = [k for k in self._beside(gap) if not self.patches[k].primitive.freeform]
         around += range(len(self.patches), len(self.patches) + len(caps))
         self.patches += [cap.patch for cap in caps]
@@ -135,6 +136,16 @@ class _Part:
         more = Samples.within_faces(more.points, labels, on_surfaces(more.points, labels, self.patches)[1])
         self.found += more
         self.faces += more
+
+    def _with_feet(self, gap: Gap, caps: Sequence[Cap]) -> Gap:
+        """The gap with all points in its rim whose face ends at a cap near by, as those of bores do."""
+        feet = np.zeros(len(self.scan.points), dtype=bool)
+        for cap in caps:
+            distance, across = cap.patch.primitive.distance_and_normal(self.scan.points)
+            along = np.abs(np.einsum("ij,ij->i", across, self.scan.normals)) > _PARALLEL
+            feet |= (np.abs(distance) < _LOW * gap.reach) & ~along
+        feet &= np.linalg.norm(self.scan.points - gap.centre, axis=1) < gap.around
+        return replace(gap, rim=np.union1d(gap.rim, np.flatnonzero(feet)))
 
     def _beside(self, gap: Gap) -> list[int]:
         """The patches of the rim, and the caps of other gaps that come near."""
@@ -149,7 +160,7 @@ class _Part:
         shown = cKDTree(self.faces.points)
         for k in around:
             surface = self.patches[k].primitive
-            more = samples_in_ball(surface, gap.centre, _WIDER * gap.radius, gap.spacing)
+            more = samples_in_ball(surface, gap.centre, gap.around, gap.spacing)
             for cap in caps:
                 if cap.ends(surface):
                     more = more[cap.is_within(more, _SLACK * gap.spacing)]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,9 @@ _FAR = 1.5  # times that distance: a triangle's centre so far from all points li
 _LONG = 2.0  # and with it the triangles beside it that have an edge so long
 _TURN = 1.3  # of it: how far away an opposite normal puts a point, half of that; a bevel's two faces remain beside it
 _WIDE = 4.0  # times it: mean width of a gap with points of other faces near by; a strip around a plate has thrice its
-_LEAST = 3.0  # times it: the radius of a gap; what is smaller, chance may leave, and the proxy closes
+_LEAST = 3.0  # times it: the radius of a gap; what is smaller, chance may leave, and the proxy closes,
+_BESIDE = 1.5  # but within a larger one less will do
+_WIDER = 1.5  # radii of a gap's ball in which surfaces are extended
 _ACROSS = 100  # samples from the middle of a gap to its rim, no more
 
 
@@ -42,9 +45,23 @@ class Gap:
         """
         return max(self.reach * float(np.sqrt(np.pi / (2 * _AROUND))), self.radius / _ACROSS)
 
+    @property
+    def is_large(self) -> bool:
+        """Whether it is none that chance may leave."""
+        return self.radius > _LEAST * self.reach
+
+    @property
+    def around(self) -> float:
+        """Radius of the ball around the centre in which surfaces may go on."""
+        return _WIDER * self.radius
+
+    def is_around(self, other: Gap) -> bool:
+        """Whether another gap lies where the surfaces around this one may go on."""
+        return float(np.linalg.norm(self.centre - other.centre)) + other.radius < self.around
+
 
 def find_gaps(scan: Scan, mesh: Mesh) -> list[Gap]:
-    """The gaps of a scan in a proxy whose vertices lie near its points.
+    """The gaps of a scan in a proxy whose vertices lie near its points, the largest first.
 
     There no point is near, or only points of faces that look elsewhere: the other side of a plate.
     """
@@ -62,14 +79,27 @@ def find_gaps(scan: Scan, mesh: Mesh) -> list[Gap]:
     open_ = empty | (edges.max(axis=1) > _LONG * apart[corner[mesh.faces]].max(axis=1))
     near = adjacency(mesh).pairs
     _, group = components(len(mesh.faces), near[open_[near].all(axis=1)])
-    found = []
+    found: list[Gap] = []
     for one in np.unique(group[empty]).tolist():
         own = group == one
         rim = np.unique(corner[np.intersect1d(mesh.faces[own], mesh.faces[~own])])
         gap = _gap(scan, rim, apart, areas[own] @ normals[own]) if len(rim) else None
-        if gap is None or gap.radius < _LEAST * gap.reach:
+        if gap is None or gap.radius < _BESIDE * gap.reach:
             continue
         if (off > _FAR * apart[at])[own].any() or areas[own].sum() > _WIDE * gap.reach * 2 * gap.radius:
+            found.append(gap)
+    return sorted(found, key=lambda gap: -gap.radius)
+
+
+def joined(gaps: Sequence[Gap]) -> list[Gap]:
+    """Gaps, the largest first, each with those around it: a bore that was looked into ends at the unseen side too."""
+    found: list[Gap] = []
+    for gap in gaps:
+        around = [k for k, other in enumerate(found) if other.is_around(gap)]
+        if around:
+            other = found[around[0]]
+            found[around[0]] = replace(other, rim=np.union1d(other.rim, gap.rim))
+        elif gap.is_large:
             found.append(gap)
     return found
 

@@ -8,11 +8,12 @@ import pytest
 from sed2cad.completion.caps import flat_caps
 from sed2cad.completion.complete import Completed, complete
 from sed2cad.completion.extensions import samples_in_ball
-from sed2cad.completion.gaps import find_gaps
+from sed2cad.completion.gaps import Gap, find_gaps, joined
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.sphere import Sphere
+from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.topology.proxy import divided, proxy_mesh, welded
 from tests.completion.scans import on_a_table, seen
 from tests.topology.scans import Piece, box, box_mesh, box_with_hole, ring, scan_of, sphere, stacked_cylinder, wall
@@ -27,6 +28,10 @@ def cap_of(found: Completed) -> Plane:
     plane = found.fitted[index].primitive
     assert isinstance(plane, Plane)
     return plane
+
+
+def gaps_of(scan: Scan, mesh: Mesh) -> list[Gap]:
+    return joined(find_gaps(scan, mesh))
 
 
 def added(found: Completed) -> np.ndarray:
@@ -64,7 +69,7 @@ def test_a_closed_mesh_has_no_gaps() -> None:
 def test_a_proxy_coarser_than_the_points_does_not_make_all_of_it_a_gap() -> None:
     scan, fitted = scan_of(box(), 40_000)
     scan, fitted = seen(scan, fitted, np.linalg.norm(scan.points - [0.0, 0.0, 0.2], axis=1) > 0.17)
-    (gap,) = find_gaps(scan, divided(welded(box_mesh((0.7, 0.5, 0.4))), 0.03))
+    (gap,) = gaps_of(scan, divided(welded(box_mesh((0.7, 0.5, 0.4))), 0.03))
     assert gap.centre == pytest.approx([0.0, 0.0, 0.2], abs=0.03) and 0.15 < gap.radius < 0.2
 
 
@@ -77,7 +82,7 @@ def test_a_part_on_a_table_has_one_gap_and_one_cap(turn: np.ndarray) -> None:
                     patch.covariance)
         for patch in fitted
     ]
-    (gap,) = find_gaps(scan, proxy_mesh(scan, fitted))
+    (gap,) = gaps_of(scan, proxy_mesh(scan, fitted))
     assert gap.centre == pytest.approx(turn @ [0, 0, -0.2], abs=0.02)
     assert gap.radius == pytest.approx(np.hypot(0.35, 0.25), abs=0.03)
     assert gap.outwards == pytest.approx(turn @ -Z, abs=0.05)
@@ -155,7 +160,7 @@ def test_a_tangent_plane_of_the_rim_of_a_ball_is_no_cap() -> None:
 
 def test_caps_hold_the_rim_on_the_side_of_the_scan() -> None:
     scan, fitted = on_a_table(*scan_of(box()))
-    (gap,) = find_gaps(scan, proxy_mesh(scan, fitted))
+    (gap,) = gaps_of(scan, proxy_mesh(scan, fitted))
     (cap,) = flat_caps(scan, gap, fitted)
     assert cap.side == -1
     assert cap.is_within(scan.points, 1e-3).mean() > 0.99
