@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from sed2cad.completion.caps import Cap, flat_caps
 from sed2cad.completion.cut import on_cheapest
-from sed2cad.completion.extensions import samples_in_ball
+from sed2cad.completion.extensions import is_sure, samples_in_ball
 from sed2cad.completion.gaps import Gap, find_gaps, joined
 from sed2cad.components import components
 from sed2cad.errors import AssemblyError
@@ -168,6 +168,7 @@ class _Part:
             if len(own):
                 away, _ = cKDTree(own).query(more)
                 more = more[away > _APART * gap.reach]
+                more = more[is_sure(self.patches[k], more, own)]
                 more = more[~self._is_shown(shown, k, more, gap.reach)]
                 more = more[_reached(more, self.scan.points[gap.rim], gap)]
             points.append(more)

@@ -7,11 +7,12 @@ import pytest
 
 from sed2cad.completion.caps import flat_caps
 from sed2cad.completion.complete import Completed, complete
-from sed2cad.completion.extensions import samples_in_ball
+from sed2cad.completion.extensions import is_sure, samples_in_ball
 from sed2cad.completion.gaps import Gap, find_gaps, joined
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
+from sed2cad.primitives.refine import uncertainty
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.topology.proxy import divided, proxy_mesh, welded
@@ -218,3 +219,13 @@ def _moved(piece: Piece, x: float, y: float) -> Piece:
     assert isinstance(surface, Cylinder)
     moved = Cylinder(Z, np.array([x, y, 0.0]), surface.radius)
     return moved, sign, area, lambda rng, count: np.add(sampler(rng, count), [x, y, 0.0])
+
+
+def test_a_surface_is_sure_where_its_points_tell_it() -> None:
+    """From a strip a plane is sure along it, and unsure far across it."""
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (400, 3)) * [0.6, 0.02, 0.0]
+    fitted = scan_of([(Plane(Z, 0.0), 1, 1.0, lambda rng, count: points)])[1][0]
+    told = uncertainty(Plane(Z, 0.0), points, 1e-4).covariance
+    patch = type(fitted)(fitted.patch, fitted.primitive, 1, 0.0, told)
+    probes = np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [0.0, 0.05, 0.0], [0.0, 0.3, 0.0]])
+    assert is_sure(patch, probes, points).tolist() == [True, True, True, False]
