@@ -21,6 +21,8 @@ from sed2cad.scan.scan import Array, Scan
 _NEAR = 1.0  # reaches: the scan ends so near to the plane
 _OUTSIDE = 0.02  # share of the rim that may lie farther out
 _LEAST = 0.15  # share of the rim that must be near, less what other caps explain
+_LEAST_OF_LOOP = 0.5  # the same, of a loop,
+_LARGE = 0.25  # which is this share of the gap at least
 _SAME = np.cos(np.radians(5.0))
 _MOST = 6
 _APART = 3.0  # reaches between two loops of a rim
@@ -60,37 +62,47 @@ def flat_caps(scan: Scan, gap: Gap, fitted: Sequence[FittedPatch]) -> list[Cap]:
     rim = scan.points[gap.rim]
     _, inner = cKDTree(scan.points).query(rim, k=_INNER)
     height = [(normal, rim @ normal, scan.points[inner] @ normal) for normal in _directions(scan, gap, fitted)]
-    loops = _loops(rim, gap.reach)
+    ways = [(told, loop, side) for loop in _loops(rim, gap) for told in height for side in (-1, 1)]
+    candidates = [plane for told, loop, side in ways for plane in _supporting(*told, loop, side, gap.reach)]
     free = np.ones(len(rim), dtype=bool)
     found: list[Cap] = []
-    ways = [(told, loop, side) for loop in loops for told in height for side in (-1, 1)]
-    candidates = [cap for told, loop, side in ways for cap in _supporting(*told, loop, side, gap.reach)]
     for _ in range(_MOST):
-        own = [free & near for _, near, _, _ in candidates]
-        if not own:
+        count = [int((free & plane.near).sum()) for plane in candidates]
+        enough = [k for k, plane in enumerate(candidates) if count[k] >= plane.least]
+        if not enough:
             break
-        best = int(np.argmax([mask.sum() for mask in own]))
-        if own[best].sum() < max(_LEAST * len(rim), 3):
-            break
-        plane, _, side, whole = candidates[best]
-        free &= ~own[best]
-        known = any(_is_same(plane, patch, gap) for patch in fitted)
-        if not known and not any(_is_thin(plane, cap, gap) for cap in found):
-            found.append(Cap(_as_patch(plane, rim[own[best]], gap.reach), side, whole))
+        chosen = candidates[max(enough, key=lambda k: count[k])]
+        own, free = free & chosen.near, free & ~chosen.near
+        known = any(_is_same(chosen.plane, patch, gap) for patch in fitted)
+        if not known and not any(_is_thin(chosen.plane, cap, gap) for cap in found):
+            found.append(Cap(_as_patch(chosen.plane, rim[own], gap.reach), chosen.side, chosen.whole))
     return found
 
 
-def _loops(rim: Array, reach: float) -> list[NDArray[np.bool_]]:
-    """All points of a rim (m, 3), and those of each loop of it, where there are several."""
-    pairs = cKDTree(rim).query_pairs(_APART * reach, output_type="ndarray").astype(np.int64)
-    number, loop = components(len(rim), pairs)
-    return [np.ones(len(rim), dtype=bool), *(loop == k for k in range(number) if number > 1)]
+@dataclass(frozen=True)
+class _Support:
+    """A plane that has a loop of a rim (m,) on one side."""
+
+    plane: Plane
+    side: int
+    near: NDArray[np.bool_]  # (m,) the points of the loop that are near it
+    least: float  # how many there must be
+    whole: bool  # whether the loop is the whole rim
+
+
+def _loops(rim: Array, gap: Gap) -> list[NDArray[np.bool_]]:
+    """All points of a rim (m, 3), and those of each large loop of it, where there are several."""
+    pairs = cKDTree(rim).query_pairs(_APART * gap.reach, output_type="ndarray").astype(np.int64)
+    number, part = components(len(rim), pairs)
+    loops = [part == k for k in range(number) if number > 1]
+    large = [loop for loop in loops if np.linalg.norm(np.ptp(rim[loop], axis=0)) > _LARGE * 2 * gap.radius]
+    return [np.ones(len(rim), dtype=bool), *large]
 
 
 def _supporting(
     normal: Array, rim: Array, inner: Array, loop: NDArray[np.bool_], side: int, reach: float
-) -> list[tuple[Plane, NDArray[np.bool_], int, bool]]:
-    """The plane that has a loop of the rim, but for strays, on one side, and which of its points (m,) are near.
+) -> list[_Support]:
+    """The plane that has a loop of the rim, but for strays, on one side.
 
     rim (m,), inner (m, k): heights of the rim and of the points around each of its own. None where these are on the
     other side.
@@ -99,7 +111,9 @@ def _supporting(
     near = loop & (np.abs(rim - offset) < _NEAR * reach)
     if not near.any() or side * (inner[near].mean() - offset) < _DEEP * reach:
         return []
-    return [(Plane(normal, offset), near, side, bool(loop.all()))]
+    whole = bool(loop.all())
+    least = max((_LEAST if whole else _LEAST_OF_LOOP) * float(loop.sum()), 3.0)
+    return [_Support(Plane(normal, offset), side, near, least, whole)]
 
 
 def _directions(scan: Scan, gap: Gap, fitted: Sequence[FittedPatch]) -> list[Array]:

@@ -28,7 +28,7 @@ from sed2cad.topology.samples import Samples, neighbours, on_surfaces, settled_l
 
 _NONE = 0.3  # share of the points that a proxy misses which is none: what it closes is no gap
 _LOOKS = 4  # at the proxy
-_GOOD = 0.02  # that a good one may miss; with what completes the scan none may miss more than without
+_GOOD = 0.02  # that a good one may miss; with what completes the scan so many more may be missed
 _APART = 0.35  # reaches: samples nearer to the scan's points are not needed
 _FEW = 4  # points beside a sample that tell whether it runs along a face
 _PARALLEL = 0.97  # cosine of the normals from which it does
@@ -82,7 +82,7 @@ def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
         for gap in joined(gaps if good else gaps[:1]):
             part.close(gap)
         more, misses = _with_proxy(part.whole()) if len(part.found) else (whole, 1.0)
-        if misses > max(missed, _GOOD):
+        if misses > missed + _GOOD:
             break
         whole, missed = more, misses
         if good:

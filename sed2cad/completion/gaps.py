@@ -76,8 +76,10 @@ def find_gaps(scan: Scan, mesh: Mesh) -> list[Gap]:
     turned, _ = alike.query(np.hstack([mesh.centroids(), turn * normals]))
     _, corner = tree.query(mesh.vertices)
     empty = turned > _FAR * apart[at]
-    open_ = empty | (edges.max(axis=1) > _LONG * apart[corner[mesh.faces]].max(axis=1))
     near = adjacency(mesh).pairs
+    beside = np.zeros(len(mesh.faces), dtype=bool)
+    beside[near[empty[near].any(axis=1)]] = True
+    open_ = empty | (beside & (edges.max(axis=1) > _LONG * apart[corner[mesh.faces]].max(axis=1)))
     _, group = components(len(mesh.faces), near[open_[near].all(axis=1)])
     found: list[Gap] = []
     for one in np.unique(group[empty]).tolist():

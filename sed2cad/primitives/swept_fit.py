@@ -187,7 +187,10 @@ class _Fitting:
             across = _right_of(surface.profile.tangent(self.along))
             knots = surface.profile if profile is None else profile
             if not knots.closed:
-                knots = knots.between(float(self.along.min()), float(self.along.max()))
+                low, high = float(self.along.min()), float(self.along.max())
+                if not high > low:
+                    raise np.linalg.LinAlgError("the points tell of one place of the profile only")
+                knots = knots.between(low, high)
             found = bent(knots, self.along, across, sight, self.sigma / _ANGLE)
             delta = found.delta.copy()
             delta *= min(1.0, _LONGEST_TILT / max(float(np.abs(delta[:2]).max()), 1e-300))
