@@ -302,3 +302,13 @@ def test_a_wall_follows_the_floor_and_a_bell_the_bore() -> None:
     assert np.abs(np.cross(centred.origin - bore.point, lean)).max() < 1e-12
     far = [patch(Plane(unit(np.array([0.1, 0.0, 1.0])), 0.0), nothing), fitted[1]]
     assert align_swept(far, points) == (far, [])
+
+
+@pytest.mark.parametrize("seed", [418, 1265, 1987])
+def test_scattered_points_have_no_surface_of_revolution(seed: int) -> None:
+    """Turned about their axis they may all fall on one place of the profile."""
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(32, 3)) * [0.02, 0.01, 0.002]
+    normals = np.tile([0, 0, 1.0], (32, 1)) + rng.normal(size=(32, 3)) * rng.choice([0.02, 0.1, 0.4])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    assert fit_revolution(points, normals, 0.00087) is None
