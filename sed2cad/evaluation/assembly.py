@@ -14,7 +14,7 @@ import numpy as np
 
 from sed2cad.brep.worker import Failure, run_alone
 from sed2cad.errors import UsageError
-from sed2cad.evaluation.made_scans import CLEAN, KINDS, MadeScan, make_scan, patches_of
+from sed2cad.evaluation.made_scans import CLEAN, KINDS, TABLE, MadeScan, make_scan, patches_of
 from sed2cad.evaluation.scores import NAN, peak_memory
 from sed2cad.evaluation.solid_scores import ScoreJob, SolidScore, score_solid
 from sed2cad.files import require_folder
@@ -116,7 +116,8 @@ def score_part(file: Path, name: str, settings: AssemblySettings) -> PartRow:
         return PartRow(name, "no scan of the true part", made.sentence)
     with tempfile.TemporaryDirectory(prefix="sed2cad-") as folder:
         step = Path(folder) / "part.step"
-        found = run_alone(reconstruct_part, Job(made, settings.labels, step), settings.timeout)
+        job = Job(made, settings.labels, step, cap=settings.kind == TABLE)
+        found = run_alone(reconstruct_part, job, settings.timeout)
         if isinstance(found, Failure):
             failure = {"crash": "crashed", "timeout": "timeout", "error": "ended with an error"}[found.kind]
             return PartRow(name, failure, found.sentence, settings.timeout if found.kind == "timeout" else NAN)
@@ -142,6 +143,7 @@ class Job:
     made: MadeScan
     labels: str
     step: Path  # to be written
+    cap: bool  # close what the scan does not show
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,7 @@ def reconstruct_part(job: Job) -> Reconstructed:
         return scan, patches
 
     start = time.perf_counter()
-    model = reconstruct_from(by_truth if job.labels == TRUE else by_network, job.made.raw, Settings())
+    model = reconstruct_from(by_truth if job.labels == TRUE else by_network, job.made.raw, Settings(cap=job.cap))
     model.export_step(job.step)
     return Reconstructed(time.perf_counter() - start, peak_memory(), model.report.rung)
 

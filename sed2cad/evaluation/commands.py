@@ -118,7 +118,7 @@ def fitting(
 def assembly(
     parts: Annotated[Path, typer.Argument(metavar="PARTS", help="Folder of .step, .stp and .brep files.")],
     labels: Annotated[str, typer.Option(metavar="true|network", help="Where the patches come from.")],
-    kind: Annotated[str, typer.Option(metavar="clean|noisy|dense|mesh", help="Of the scans.")] = "clean",
+    kind: Annotated[str, typer.Option(metavar="clean|noisy|dense|mesh|table", help="Of the scans.")] = "clean",
     limit: Annotated[int | None, typer.Option(min=1, help="So many parts, evenly spread over the names.")] = None,
     workers: Annotated[int, typer.Option(min=1, help="Parts at a time, each on one thread.")] = 1,
     timeout: Annotated[float, typer.Option(min=1, help="Seconds for each reconstruction.")] = 180.0,
