@@ -48,6 +48,7 @@ class Completed:
     caps: tuple[int, ...] = ()  # indices of the patches that only close a gap
     proxy: Mesh | None = None  # None where none was found
     added: int = 0  # points at the end of the scan's that were not measured
+    unclosed: int = 0  # gaps that the faces around them do not close
 
     @property
     def measured(self) -> Array:
@@ -56,11 +57,20 @@ class Completed:
 
     def __str__(self) -> str:
         """"faces were extended and 1 flat cap was added"."""
-        if not self.added:
+        if not self.added and not self.unclosed:
             return "the scan shows all of the part"
-        count = len(self.caps)
-        capped = f" and {count} flat cap{'s were' if count > 1 else ' was'} added" if count else ""
-        return f"faces were extended{capped}"
+        said = []
+        if self.added:
+            capped = f" and {_counted(len(self.caps), 'flat cap')} added" if self.caps else ""
+            said.append(f"faces were extended{capped}")
+        if self.unclosed:
+            said.append(f"{_counted(self.unclosed, 'gap')} only bridged: no face that it shows leads across")
+        return "; ".join(said)
+
+
+def _counted(count: int, thing: str) -> str:
+    """"1 flat cap was"."""
+    return f"{count} {thing}{'s were' if count > 1 else ' was'}"
 
 
 def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
@@ -83,7 +93,7 @@ def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
             part.close(gap)
         more, misses = _with_proxy(part.whole()) if len(part.found) else (whole, 1.0)
         if misses > missed + _GOOD:
-            break
+            return replace(whole, unclosed=len(joined(gaps)))
         whole, missed = more, misses
         if good:
             break

@@ -68,29 +68,37 @@ def find_gaps(scan: Scan, mesh: Mesh) -> list[Gap]:
     distance, _ = nearest(scan.points, _AROUND)
     edges = mesh.edge_lengths()
     apart = np.maximum(distance[:, -1], _COARSE * float(np.median(edges)))
-    tree = cKDTree(scan.points)
-    normals, areas = mesh.face_normals()
-    off, at = tree.query(mesh.centroids())
-    turn = _TURN * float(np.median(apart))
-    alike = cKDTree(np.hstack([scan.points, turn * scan.normals]))
-    turned, _ = alike.query(np.hstack([mesh.centroids(), turn * normals]))
-    _, corner = tree.query(mesh.vertices)
-    empty = turned > _FAR * apart[at]
+    alone, empty = _empty(scan, mesh, apart)
+    _, corner = cKDTree(scan.points).query(mesh.vertices)
     near = adjacency(mesh).pairs
     beside = np.zeros(len(mesh.faces), dtype=bool)
     beside[near[empty[near].any(axis=1)]] = True
     open_ = empty | (beside & (edges.max(axis=1) > _LONG * apart[corner[mesh.faces]].max(axis=1)))
     _, group = components(len(mesh.faces), near[open_[near].all(axis=1)])
+    normals, areas = mesh.face_normals()
     found: list[Gap] = []
-    for one in np.unique(group[empty]).tolist():
-        own = group == one
+    for own in (group == one for one in np.unique(group[empty])):
         rim = np.unique(corner[np.intersect1d(mesh.faces[own], mesh.faces[~own])])
-        gap = _gap(scan, rim, apart, areas[own] @ normals[own]) if len(rim) else None
-        if gap is None or gap.radius < _BESIDE * gap.reach:
+        if len(rim) == 0:
             continue
-        if (off > _FAR * apart[at])[own].any() or areas[own].sum() > _WIDE * gap.reach * 2 * gap.radius:
+        gap = _gap(scan, rim, apart, areas[own] @ normals[own])
+        wide = alone[own].any() or areas[own].sum() > _WIDE * gap.reach * 2 * gap.radius
+        if wide and gap.radius > _BESIDE * gap.reach:
             found.append(gap)
     return sorted(found, key=lambda gap: -gap.radius)
+
+
+def _empty(scan: Scan, mesh: Mesh, apart: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which triangles (t,) have no point near, and which have none that looks the same way.
+
+    apart (n,): how far the neighbours of each point of the scan are.
+    """
+    centres, (normals, _) = mesh.centroids(), mesh.face_normals()
+    off, at = cKDTree(scan.points).query(centres)
+    turn = _TURN * float(np.median(apart))
+    alike = cKDTree(np.hstack([scan.points, turn * scan.normals]))
+    turned, _ = alike.query(np.hstack([centres, turn * normals]))
+    return off > _FAR * apart[at], turned > _FAR * apart[at]
 
 
 def joined(gaps: Sequence[Gap]) -> list[Gap]:

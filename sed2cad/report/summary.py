@@ -61,7 +61,7 @@ def summarise(
 
 def _unseen(assembly: Assembly, completed: Completed) -> list[str]:
     """What the solid shows and the scan does not."""
-    if not completed.added:
+    if not completed.added and not completed.unclosed:
         return []
     how = str(completed)
     if assembly.open_at:

@@ -9,12 +9,14 @@ from sed2cad.completion.caps import flat_caps
 from sed2cad.completion.complete import Completed, complete
 from sed2cad.completion.extensions import is_sure, samples_in_ball
 from sed2cad.completion.gaps import Gap, find_gaps, joined
-from sed2cad.primitives.base import Primitive
+from sed2cad.primitives.base import FittedPatch, Patch, Primitive
+from sed2cad.primitives.bspline_fit import fit_over_plane
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.refine import uncertainty
 from sed2cad.primitives.sphere import Sphere
-from sed2cad.scan.scan import Mesh, Scan
+from sed2cad.primitives.vectors import unit
+from sed2cad.scan.scan import Frame, Mesh, Scan
 from sed2cad.topology.proxy import divided, proxy_mesh, welded
 from tests.completion.scans import on_a_table, seen
 from tests.topology.scans import Piece, box, box_mesh, box_with_hole, ring, scan_of, sphere, stacked_cylinder, wall
@@ -229,3 +231,21 @@ def test_a_surface_is_sure_where_its_points_tell_it() -> None:
     patch = type(fitted)(fitted.patch, fitted.primitive, 1, 0.0, told)
     probes = np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [0.0, 0.05, 0.0], [0.0, 0.3, 0.0]])
     assert is_sure(patch, probes, points).tolist() == [True, True, True, False]
+
+
+def test_a_gap_that_nothing_closes_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No freeform face goes on."""
+    monkeypatch.setattr("sed2cad.completion.complete.flat_caps", lambda *scan_gap_and_patches: [])
+    rng = np.random.default_rng(0)
+    flat = rng.uniform(-0.35, 0.35, (6000, 2))
+    height = 0.08 * np.sin(9 * flat[:, 0]) * np.cos(7 * flat[:, 1])
+    slopes = 0.08 * np.column_stack(
+        [9 * np.cos(9 * flat[:, 0]) * np.cos(7 * flat[:, 1]), -7 * np.sin(9 * flat[:, 0]) * np.sin(7 * flat[:, 1])]
+    )
+    points, normals = np.column_stack([flat, height]), unit(np.column_stack([-slopes, np.ones(len(flat))]))
+    scan = Scan(points, normals, None, Frame(np.zeros(3), 1.0), 0.0, 0.005)
+    surface = fit_over_plane(points, normals, 0.0)
+    assert surface is not None
+    patch = FittedPatch(Patch(np.arange(6000), "bspline", np.ones(6000, bool)), surface, 1, 0.0, np.zeros((0, 0)))
+    found = complete(scan, [patch])
+    assert found.unclosed == 1 and not found.added and "1 gap was only bridged" in str(found)
