@@ -70,9 +70,7 @@ def _on_cut(faces: Samples, ghosts: Samples, spacing: float, measured: int) -> t
     facets = tetrahedra.facets(first, across)
     _, area = Mesh(tetrahedra.points, facets).face_normals()
     shared = _shared(facets, samples.labels, len(tetrahedra.points))
-    corners = tetrahedra.points[facets]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    shared[longest > _LONG * spacing] = -1
+    shared[tetrahedra.longest_edges(facets) > _LONG * spacing] = -1
     price = np.where(shared < 0, _NOWHERE, np.where(shared < measured, _EXTENDED, _CAPPED)) * area / spacing**2
     vote = sample_votes(tetrahedra, samples)
     inside = ~min_cut(np.maximum(vote, 0), np.maximum(-vote, 0), np.column_stack([first, second]), price, price)

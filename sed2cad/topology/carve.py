@@ -42,6 +42,11 @@ class Tetrahedra:
         """The facets (m, 3) across from corners `across` of tetrahedra (m,), facing outwards."""
         return np.take_along_axis(self.corners[tetrahedra], _OPPOSITE[across], axis=1)
 
+    def longest_edges(self, facets: Faces) -> Array:
+        """Lengths (m,)."""
+        corners = self.points[facets]
+        return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
+
 
 def carved(samples: Samples, spacing: float) -> Mesh:
     """The closed manifold surface (outward) of the part that the samples describe.
@@ -104,8 +109,7 @@ def _facet_prices(tetrahedra: Tetrahedra, facets: Faces, samples: Samples, spaci
     for k in (0, 1):
         shared = a[:, k : k + 1]
         common |= (b == shared).any(axis=1) & (c == shared).any(axis=1)
-    corners = tetrahedra.points[facets]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    longest = tetrahedra.longest_edges(facets)
     return np.where(common, 0.15, 1.0) * np.clip(longest / (4 * spacing), 0.3, 6.0)
 
 
