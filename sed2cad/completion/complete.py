@@ -29,6 +29,7 @@ from sed2cad.topology.samples import Samples, neighbours, on_surfaces, settled_l
 _NONE = 0.3  # share of the points that a proxy misses which is none: what it closes is no gap
 _LOOKS = 4  # at the proxy
 _GOOD = 0.02  # that a good one may miss; with what completes the scan so many more may be missed
+_BETTER = 0.01  # so many less, for another look
 _APART = 0.35  # reaches: samples nearer to the scan's points are not needed
 _FEW = 4  # points beside a sample that tell whether it runs along a face
 _PARALLEL = 0.97  # cosine of the normals from which it does
@@ -94,8 +95,9 @@ def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
         more, misses = _with_proxy(part.whole()) if len(part.found) else (whole, 1.0)
         if misses > missed + _GOOD:
             return replace(whole, unclosed=len(joined(gaps)))
+        done = good or misses > missed - _BETTER
         whole, missed = more, misses
-        if good:
+        if done:
             break
     return whole
 

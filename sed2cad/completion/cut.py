@@ -33,13 +33,13 @@ def on_cheapest(scan: Scan, gap: Gap, faces: Samples, candidates: Samples, measu
     off, _ = cKDTree(scan.points[gap.rim]).query(faces.points)
     faces = replace(faces, normals=np.where((off > gap.reach)[:, None, None], faces.normals, 0.0))
     cell = np.inf
-    while cell > gap.spacing:
+    while True:
         cell, few = _coarsened(candidates, gap.spacing, cell / _COARSER**2)
         known = thinned(faces[near], cell) + thinned(faces[~near], max(cell, gap.radius / 2))
         on, band = _on_cut(known, few, cell, measured)
-        if cell > gap.spacing:
-            candidates = candidates[cKDTree(band).query(candidates.points)[0] < _BESIDE * cell]
-    return candidates[_is_near(few[on], candidates, 0.5 * cell)]
+        if cell == gap.spacing:
+            return candidates[_is_near(few[on], candidates, 0.5 * cell)]
+        candidates = candidates[cKDTree(band).query(candidates.points)[0] < _BESIDE * cell]
 
 
 def _coarsened(candidates: Samples, finest: float, coarsest: float) -> tuple[float, Samples]:
@@ -48,7 +48,7 @@ def _coarsened(candidates: Samples, finest: float, coarsest: float) -> tuple[flo
     while len(few) > _MOST_SAMPLES and cell < coarsest:
         cell = min(_COARSER * cell, coarsest)
         few = thinned(candidates, cell)
-    return cell, few
+    return (cell, few) if cell > _COARSER * finest else (finest, candidates)
 
 
 def _is_near(some: Samples, samples: Samples, reach: float) -> NDArray[np.bool_]:

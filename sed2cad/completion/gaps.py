@@ -24,7 +24,7 @@ _WIDE = 4.0  # times it: mean width of a gap with points of other faces near by;
 _LEAST = 3.0  # times it: the radius of a gap; what is smaller, chance may leave, and the proxy closes,
 _BESIDE = 1.5  # but within a larger one less will do
 _WIDER = 1.5  # radii of a gap's ball in which surfaces are extended
-_ACROSS = 40  # samples from the middle of a gap to its rim, no more
+_ACROSS = 60  # samples from the middle of a gap to its rim, no more
 
 
 @dataclass(frozen=True)
