@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sed2cad.completion.gaps import Gap
-from sed2cad.components import components
+from sed2cad.components import linked
 from sed2cad.primitives.base import FittedPatch, Patch, Primitive
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
@@ -92,8 +92,7 @@ class _Support:
 
 def _loops(rim: Array, gap: Gap) -> list[NDArray[np.bool_]]:
     """All points of a rim (m, 3), and those of each large loop of it, where there are several."""
-    pairs = cKDTree(rim).query_pairs(_APART * gap.reach, output_type="ndarray").astype(np.int64)
-    number, part = components(len(rim), pairs)
+    number, part = linked(rim, _APART * gap.reach)
     loops = [part == k for k in range(number) if number > 1]
     large = [loop for loop in loops if np.linalg.norm(np.ptp(rim[loop], axis=0)) > _LARGE * 2 * gap.radius]
     return [np.ones(len(rim), dtype=bool), *large]

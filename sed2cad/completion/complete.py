@@ -18,7 +18,7 @@ from sed2cad.completion.caps import Cap, flat_caps
 from sed2cad.completion.cut import on_cheapest
 from sed2cad.completion.extensions import is_sure, samples_in_ball
 from sed2cad.completion.gaps import Gap, find_gaps, joined
-from sed2cad.components import components
+from sed2cad.components import components, linked
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
@@ -119,18 +119,22 @@ class _Part:
 
     completed: Completed  # so far
     measured: int  # patches of the scan; the others are caps
-    scan: Scan = field(init=False)
     patches: list[FittedPatch] = field(init=False)
     owner: NDArray[np.int64] = field(init=False)  # (n,) patch of each point of the scan, -1 for none
     faces: Samples = field(init=False)  # of what the scan shows and of what was found
     found: Samples = field(init=False)
 
     def __post_init__(self) -> None:
-        scan = self.scan = self.completed.scan
+        scan = self.completed.scan
         self.patches = list(self.completed.fitted)
         self.owner = settled_labels(scan, self.patches, neighbours(scan))
         self.faces = surface_samples(scan, self.patches)
         self.found = self.faces[:0]
+
+    @property
+    def scan(self) -> Scan:
+        """With the points that were added before."""
+        return self.completed.scan
 
     def close(self, gap: Gap) -> None:
         """Find the samples that close a gap."""
@@ -241,7 +245,6 @@ def _reached(points: Array, rim: Array, gap: Gap) -> NDArray[np.bool_]:
     """Which samples (n, 3) of a face hang together with some that are near the rim (m, 3): not the mouths of bores."""
     if len(points) == 0:
         return np.zeros(0, dtype=bool)
-    pairs = cKDTree(points).query_pairs(_LINKED * gap.spacing, output_type="ndarray")
-    _, part = components(len(points), pairs.astype(np.int64))
+    _, part = linked(points, _LINKED * gap.spacing)
     off, _ = cKDTree(rim).query(points)
     return np.isin(part, np.unique(part[off < gap.reach]))

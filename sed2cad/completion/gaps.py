@@ -68,8 +68,9 @@ def find_gaps(scan: Scan, mesh: Mesh) -> list[Gap]:
     distance, _ = nearest(scan.points, _AROUND)
     edges = mesh.edge_lengths()
     apart = np.maximum(distance[:, -1], _COARSE * float(np.median(edges)))
-    alone, empty = _empty(scan, mesh, apart)
-    _, corner = cKDTree(scan.points).query(mesh.vertices)
+    tree = cKDTree(scan.points)
+    alone, empty = _empty(scan, tree, mesh, apart)
+    _, corner = tree.query(mesh.vertices)
     near = adjacency(mesh).pairs
     beside = np.zeros(len(mesh.faces), dtype=bool)
     beside[near[empty[near].any(axis=1)]] = True
@@ -88,13 +89,13 @@ def find_gaps(scan: Scan, mesh: Mesh) -> list[Gap]:
     return sorted(found, key=lambda gap: -gap.radius)
 
 
-def _empty(scan: Scan, mesh: Mesh, apart: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _empty(scan: Scan, tree: cKDTree, mesh: Mesh, apart: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which triangles (t,) have no point near, and which have none that looks the same way.
 
-    apart (n,): how far the neighbours of each point of the scan are.
+    tree: of the scan's points; apart (n,): how far the neighbours of each of them are.
     """
     centres, (normals, _) = mesh.centroids(), mesh.face_normals()
-    off, at = cKDTree(scan.points).query(centres)
+    off, at = tree.query(centres)
     turn = _TURN * float(np.median(apart))
     alike = cKDTree(np.hstack([scan.points, turn * scan.normals]))
     turned, _ = alike.query(np.hstack([centres, turn * normals]))
