@@ -1,7 +1,7 @@
 """The rung between exact and faceted: only the faces to blame are replaced, the rest stays exact.
 
 A face to blame first gets a freeform surface through its region of the proxy mesh; is it blamed again, it becomes
-triangles on the edges of its neighbours.
+triangles on the edges of its neighbours, or is left out of a shell that is open anyway.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from sed2cad.geometry.necks import without_necks
 from sed2cad.geometry.polygons import Cloud
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.bspline_fit import fit_bspline
+from sed2cad.primitives.loose import Loose
 from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
 from sed2cad.topology.remedies import remedied
@@ -42,7 +43,12 @@ class Mending:
     base: Attempt
     traced: Traced
     freeform: dict[int, FittedPatch] = field(default_factory=dict)  # by region
-    facets: set[int] = field(default_factory=set)
+    facets: set[int] = field(default_factory=set)  # or left out
+
+    @property
+    def nothing(self) -> int | None:
+        """The primitive of what is left out of a shell that is open; None for a solid."""
+        return next((k for k, patch in enumerate(self.base.fitted) if isinstance(patch.primitive, Loose)), None)
 
     def attempt(self) -> Attempt:
         """The attempt with these faces replaced."""
@@ -51,12 +57,16 @@ class Mending:
         for r, patch in smooth.items():
             regions[r] = replace(regions[r], primitive=len(fitted))
             fitted.append(patch)
+        nothing = self.nothing
+        if nothing is not None:
+            for r in self.facets:
+                regions[r] = replace(regions[r], primitive=nothing)
         return replace(
             self.base,
             topology=replace(self.base.topology, regions=tuple(regions)),
             fitted=tuple(fitted),
             freeform=frozenset(range(len(self.base.fitted), len(fitted))),
-            facets={r: self.cloud(r) for r in sorted(self.facets)},
+            facets={r: self.cloud(r) for r in sorted(self.facets)} if nothing is None else {},
         )
 
     def cloud(self, region: int) -> Cloud:

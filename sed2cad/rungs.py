@@ -8,6 +8,7 @@ from typing import Literal
 
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Mesh, Scan
+from sed2cad.topology.mincut import Labels
 from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import smooth_proxy
 from sed2cad.topology.thicken import has_thin_walls, traced_thick
@@ -58,6 +59,7 @@ class Tracer:
     fitted: Sequence[FittedPatch]
     proxies: dict[Proxy, Mesh] = field(default_factory=dict)
     traces: dict[tuple[Proxy, float], Traced] = field(default_factory=dict)  # by Rung.key
+    unseen: Labels | None = None  # triangles of the carved proxy on no surface: see `trace`
     with_walls: dict[tuple[Proxy, float], tuple[Topology, list[FittedPatch]]] = field(default_factory=dict)
 
     def trace(self, rung: Rung) -> Traced:
@@ -72,7 +74,7 @@ class Tracer:
             return traced_thick(self.scan, self.fitted, rung.smoothness)
         if rung.proxy == "smooth" and rung.proxy not in self.proxies:
             self.proxies[rung.proxy] = smooth_proxy(self.scan, self.fitted)
-        return trace(self.scan, self.fitted, rung.smoothness, self.proxies.get(rung.proxy))
+        return trace(self.scan, self.fitted, rung.smoothness, self.proxies.get(rung.proxy), self.unseen)
 
     def walled(self, rung: Rung) -> tuple[Topology, list[FittedPatch]]:
         """The topology for a rung and its patches, with walls if it asks for them. AssemblyError."""
@@ -85,6 +87,8 @@ class Tracer:
 
     def applies(self, rung: Rung) -> bool:
         """Whether a rung differs from those before it. AssemblyError when there is no topology."""
+        if self.unseen is not None and rung.proxy != "carved":
+            return False
         if rung.proxy == "thick":
             return has_thin_walls(self.scan)
         return rung.walls or self.has_steps(rung)

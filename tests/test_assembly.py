@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import sed2cad
-from sed2cad import assembly, rungs
+from sed2cad import assembly, climbing, rungs
 from sed2cad.brep.attempt import Verdict
 from sed2cad.brep.jobs import assemble_faceted, judge
 from sed2cad.brep.worker import Failure
@@ -27,13 +27,19 @@ def box_scan() -> RawScan:
     return RawScan(points, normals, name="box")
 
 
+def runs(monkeypatch: pytest.MonkeyPatch, run: Callable[[Job, Any, float], Any]) -> None:
+    """All jobs of the kernel go to `run`."""
+    for module in (assembly, climbing):
+        monkeypatch.setattr(module, "run_isolated", run)
+
+
 def kernel(monkeypatch: pytest.MonkeyPatch, faceted: Job) -> None:
     """A kernel on which every exact attempt crashes and facets are made by `faceted`."""
 
     def run(job: Job, payload: Any, timeout: float) -> Any:
         return faceted(payload) if job is assemble_faceted else Failure("crash", "the CAD kernel crashed")
 
-    monkeypatch.setattr(assembly, "run_isolated", run)
+    runs(monkeypatch, run)
 
 
 def test_facets_are_the_last_rung_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,7 +61,7 @@ def test_a_solid_without_constraints_is_said_to_be_one(monkeypatch: pytest.Monke
         attempts.append(payload)
         return Failure("crash", "the CAD kernel crashed") if len(attempts) == 1 else job(payload)
 
-    monkeypatch.setattr(assembly, "run_isolated", run)
+    runs(monkeypatch, run)
     report = sed2cad.reconstruct(DATA / "bracket.ply").report
     assert report.rung == rungs.UNREGULARISED and not report.constraints
     assert any("no solid passed" in warning for warning in report.warnings)
@@ -123,7 +129,7 @@ def test_a_solid_with_a_face_that_cannot_be_drawn_is_better_than_facets(monkeypa
         gate = replace(made.gate, passed=False, reason="it cannot be drawn", undrawn=next(hidden))
         return Verdict(replace(made, gate=gate), gate.reason, ())
 
-    monkeypatch.setattr(assembly, "run_isolated", run)
+    runs(monkeypatch, run)
     report = sed2cad.reconstruct(box_scan()).report
     assert report.rung == rungs.UNREGULARISED and report.exact_faces == 6
     assert any("did not pass all checks: it cannot be drawn" in warning for warning in report.warnings)
@@ -140,8 +146,8 @@ def test_the_first_attempt_that_fails_gets_a_second_look(monkeypatch: pytest.Mon
         looked.append(blamed)
         return replace(flawed, looked=True)
 
-    monkeypatch.setattr(assembly, "run_isolated", run)
-    monkeypatch.setattr(assembly, "looked_again", again)
+    runs(monkeypatch, run)
+    monkeypatch.setattr(climbing, "looked_again", again)
     report = sed2cad.reconstruct(box_scan()).report
     assert report.rung == "exact, second look" and report.exact_faces == 6
     assert looked == [(3,)] and "a face is open" in report.reason

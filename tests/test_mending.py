@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from sed2cad.brep.attempt import Attempt, Options, Verdict
+from sed2cad.brep.build import assemble
 from sed2cad.brep.kernel import from_bytes, is_closed, is_valid, volume
 from sed2cad.brep.worker import Failure
-from sed2cad.mending import Flawed, Mended, mend
+from sed2cad.mending import Flawed, Mended, Mending, mend
 from sed2cad.primitives.base import FittedPatch, Primitive
+from sed2cad.primitives.loose import loose_patch
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.sphere import Sphere
 from sed2cad.scan.scan import Scan
@@ -63,6 +65,25 @@ def test_a_round_face_on_a_wrong_surface_is_replaced(radius: float) -> None:
     assert set(rungs) == {-1, 0, 1, 2, 3, 4, 5}
     assert rungs[-1] in ("freeform", "facets")
     assert all(face.deviation < 0.01 for face in found.result.faces)
+
+
+def test_a_face_to_blame_is_left_out_of_a_shell_that_is_open_anyway() -> None:
+    """It is no surface at all then, and no facets are made of it."""
+    scan, fitted = scans.scan_of(scans.box())
+    traced = trace(scan, fitted)
+    regions = list(traced.topology.regions)
+    regions[0] = replace(regions[0], primitive=len(fitted))
+    topology = replace(traced.topology, regions=tuple(regions))
+    base = replace(started(scan, traced, (*fitted, loose_patch())), topology=topology)
+    mending = Mending(base, traced)
+    assert len(assemble(mending.attempt()).faces) == 5
+    mending.facets.add(1)
+    changed = mending.attempt()
+    assert changed.topology.regions[1].primitive == len(fitted) and not changed.facets
+    result = assemble(changed)
+    shell = from_bytes(result.brep)
+    assert len(result.faces) == 4 and is_valid(shell) and not is_closed(shell)
+    assert result.gate.reason.startswith("only 7") and result.gate.reason.endswith("% of the points lie on it")
 
 
 def test_nothing_is_mended_without_the_kernel() -> None:

@@ -72,6 +72,34 @@ def test_the_command_caps_or_says_what_is_open(tmp_path: Path) -> None:
     assert "1 flat cap was added" in told.stderr
 
 
+def seen_from_above(count: int = 4000) -> tuple[np.ndarray, np.ndarray]:
+    """The top of a box on a table, 40 x 40 and 30 high, and the table on two sides of it."""
+    rng = np.random.default_rng(0)
+    plates = (((0, 0, 30), (40, 40), 0.5), ((-40, 0, 0), (30, 40), 0.3), ((50, 0, 0), (20, 40), 0.2))
+    points = [
+        low + rng.random((int(share * count), 3)) * [*size, 0.0] for low, size, share in plates
+    ]
+    return np.vstack(points), np.tile([0.0, 0.0, 1.0], (count, 1))
+
+
+def test_of_a_scan_from_one_side_the_faces_are_written_that_it_shows(tmp_path: Path) -> None:
+    write_ply(tmp_path / "above.ply", *seen_from_above())
+    step, model = tmp_path / "above.step", tmp_path / "above.json"
+    words = [str(tmp_path / "above.ply"), "--step", str(step), "--report", str(model)]
+    told = CliRunner().invoke(app, words)
+    assert told.exit_code == 4 and "open shell, 3 faces, all exact" in told.stdout
+    back = read_step(step)
+    assert len(faces(back)) == 3 and is_valid(back) and not is_closed(back)
+    made = CadModel.load(model)
+    assert [len(boundary.faces) for boundary in made.report.boundaries] == [1, 1, 1]
+    assert [boundary.length for boundary in made.report.boundaries] == pytest.approx([160, 140, 120], rel=0.08)
+    assert any("the shell is open where it ends" in warning for warning in made.report.warnings)
+    (top,) = (name for name, plane in made.primitives.items() if plane.kind == "plane" and plane.offset > 15)
+    higher = made.vary(**{top: {"offset": 35.0}})
+    assert len(higher.face_names) == 3 and not higher.report.closed
+    assert max(face.center().Z for face in higher.solid.faces()) == pytest.approx(35, abs=1e-3)
+
+
 def test_a_face_of_unknown_origin_stays() -> None:
     """A repair may lose track of a face; the last region, a cap, is not its own."""
     made, given = result("box"), part("box")

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from sed2cad.geometry.loose import loose_patch
 from sed2cad.geometry.polygons import Cloud
 from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.loose import loose_patch
 from sed2cad.scan.scan import Array, Frame, Mesh
 from sed2cad.topology.model import Topology
 

@@ -22,7 +22,8 @@ class BodyShape:
 
     shape: TopoDS_Shape
     regions: tuple[int, ...]  # of each face, in order
-    cavity: bool  # the material is outside
+    cavity: bool = False  # the material is outside
+    is_open: bool = False  # a shell, no solid
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Joined:
     shape: TopoDS_Shape
     regions: tuple[int, ...]  # of each face, in order
     solids: int  # how many there should be
+    is_open: bool = False  # whether shells are among them
 
 
 def cavities(layout: Layout, areas: Sequence[float], clouds: Mapping[int, Cloud]) -> dict[int, bool]:
@@ -44,7 +46,7 @@ def cavities(layout: Layout, areas: Sequence[float], clouds: Mapping[int, Cloud]
         own = [face for face in layout.faces if face.body == body]
         centre = np.vstack([face.points for face in own]).mean(axis=0)
         volumes[body] = sum(_flux(face, centre, clouds) * areas[face.region] for face in own)
-    return {body: flux < 0 for body, flux in volumes.items()}
+    return {body: flux < 0 and body not in layout.open_bodies for body, flux in volumes.items()}
 
 
 def _flux(face: LayoutFace, centre: np.ndarray, clouds: Mapping[int, Cloud]) -> float:
@@ -69,7 +71,8 @@ def join(bodies: Sequence[BodyShape]) -> Joined:
                 strays.append(body)
     parts = [_hollowed(body, inside[k]) for k, body in enumerate(outer)] + [(b.shape, b.regions) for b in strays]
     regions = tuple(region for _, own in parts for region in own)
-    return Joined(compound([shape for shape, _ in parts]), regions, len(outer))
+    open_ = sum(body.is_open for body in outer)
+    return Joined(compound([shape for shape, _ in parts]), regions, len(outer) - open_, open_ > 0)
 
 
 def _contains(solid: TopoDS_Shape, other: TopoDS_Shape) -> bool:

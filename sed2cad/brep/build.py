@@ -27,7 +27,7 @@ from sed2cad.brep.kernel import Array, to_bytes
 from sed2cad.brep.solid import build_bodies
 from sed2cad.errors import AssemblyError
 from sed2cad.geometry.extend import widened
-from sed2cad.geometry.facets import faceted
+from sed2cad.geometry.facets import faceted, is_loose
 from sed2cad.geometry.layout import Draft
 from sed2cad.geometry.realise import realise
 from sed2cad.geometry.seams import OpenFace, place
@@ -77,6 +77,8 @@ def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
     fitted = [widened(patch) for patch in attempt.fitted]
     draft = Draft(realise(topology, fitted, bend), fitted)
     layout = place(draft)
+    unseen = [n for n, face in enumerate(layout.faces) if is_loose(face) and face.region not in attempt.facets]
+    layout = layout.without(unseen)
     hollow = cavities(layout, [region.area for region in topology.regions], attempt.facets)
     bodies = build_bodies(faceted(layout, attempt.facets).in_world(frame))
     best: tuple[int, AssemblyResult, Joined, Checked] | None = None
@@ -85,7 +87,10 @@ def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
         faults = sum(fixed.faults for fixed in repaired)
         if best is not None and faults >= best[0] > 0:
             continue
-        shapes = [BodyShape(f.solid, f.regions, hollow[k]) for f, k in zip(repaired, sorted(hollow))]
+        shapes = [
+            BodyShape(f.shape, f.regions, hollow[k], body.is_open)
+            for f, k, body in zip(repaired, sorted(hollow), bodies)
+        ]
         joined = join(shapes)
         result, checked = _judged(attempt, joined, variant)
         if result.gate.passed:
@@ -111,7 +116,12 @@ def _judged(attempt: Attempt, joined: Joined, variant: Variant) -> tuple[Assembl
     ]
     volume = topology.volume * frame.scale**3
     expected = Expected(
-        joined.solids, volume, _judges(attempt.points, frame), frame.to_world(attempt.surface), frame.scale
+        joined.solids,
+        volume,
+        _judges(attempt.points, frame),
+        frame.to_world(attempt.surface),
+        frame.scale,
+        joined.is_open,
     )
     limits = attempt.options.limits
     checked = check(joined.shape, world, expected, limits)

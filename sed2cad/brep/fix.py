@@ -47,9 +47,9 @@ _WIRE_OFF = (
 class Fixed:
     """A repaired body."""
 
-    solid: TopoDS_Shape  # a solid, unless the repair broke it apart
+    shape: TopoDS_Shape  # a solid or an open shell, unless the repair broke it apart
     regions: tuple[int, ...]  # of each of its faces, in order; -1 where the history does not tell
-    faults: int  # 0: one closed valid solid with all of its faces
+    faults: int  # 0: one closed valid solid, or valid open shell, with all of its faces
 
 
 def fix(body: Body, diagonal: float, variant: Variant) -> Fixed:
@@ -57,11 +57,11 @@ def fix(body: Body, diagonal: float, variant: Variant) -> Fixed:
     try:
         return _fixed(body, diagonal, variant)
     except Exception:  # what the kernel raises has no common base: Standard_Failure, Standard_ConstructionError, ...
-        return Fixed(body.solid, body.regions, _HOPELESS)
+        return Fixed(body.shape, body.regions, _HOPELESS)
 
 
 def _fixed(body: Body, diagonal: float, variant: Variant) -> Fixed:
-    copy = BRepBuilderAPI_Copy(body.solid)
+    copy = BRepBuilderAPI_Copy(body.shape)
     tool = ShapeFix_Shape(copy.Shape())
     tool.SetPrecision(_LOOSE * diagonal if variant == "loose" else PRECISION)
     tool.SetMinTolerance(PRECISION)
@@ -79,7 +79,7 @@ def _fixed(body: Body, diagonal: float, variant: Variant) -> Fixed:
             BRepLib.OrientClosedSolid_s(TopoDS.Solid_s(shape))
     regions = _regions(body, copy, tool, shape)
     lost = len(set(body.regions) - set(regions))
-    return Fixed(shape, regions, _faults(shape) + lost)
+    return Fixed(shape, regions, _faults(shape, body.is_open) + lost)
 
 
 def _regions(body: Body, copy: BRepBuilderAPI_Copy, tool: ShapeFix_Shape, shape: TopoDS_Shape) -> tuple[int, ...]:
@@ -109,11 +109,12 @@ def _restrain(tool: ShapeFix_Shape, orient: bool) -> None:
     tool.FixSolidTool().FixShellTool().FixOrientationMode = int(orient)
 
 
-def _faults(shape: TopoDS_Shape) -> int:
-    """0 for one closed valid solid; otherwise grows with what is wrong."""
-    faults = 0 if isinstance(shape, TopoDS_Solid) or len(solids(shape)) == 1 else 10
-    if not is_closed(shape):
-        faults += 10
+def _faults(shape: TopoDS_Shape, is_open: bool) -> int:
+    """0 for one closed valid solid, or a valid shell if it is open; otherwise grows with what is wrong."""
+    faults = 0
+    if not is_open:
+        faults += 0 if isinstance(shape, TopoDS_Solid) or len(solids(shape)) == 1 else 10
+        faults += 0 if is_closed(shape) else 10
     check = BRepCheck_Analyzer(shape)
     if not check.IsValid():
         faults += max(1, sum(not check.IsValid(face) for face in faces(shape)))

@@ -33,22 +33,25 @@ _SLACK = 1.1  # tolerances cover the measured deviation with this to spare
 
 @dataclass(frozen=True)
 class Body:
-    """One connected shell as a solid, and its faces in the order of the layout."""
+    """One connected shell, as a solid if it is closed, and its faces in the order of the layout."""
 
-    solid: TopoDS_Solid
+    shape: TopoDS_Shape
     faces: tuple[TopoDS_Face, ...]
     regions: tuple[int, ...]  # the region of each face
+    is_open: bool = False
 
 
 def build_bodies(layout: Layout) -> list[Body]:
-    """One solid per body of the layout, in its coordinates. Nothing is checked or repaired yet."""
+    """The bodies of the layout, in its coordinates. Nothing is checked or repaired yet."""
     vertices = _vertices(layout)
     edges = _edges(layout, vertices)
     bodies = []
     for number in sorted({face.body for face in layout.faces}):
         own = [face for face in layout.faces if face.body == number]
         faces = [_face(face, layout, vertices, edges) for face in own]
-        bodies.append(Body(solid_of(faces), tuple(faces), tuple(face.region for face in own)))
+        is_open = number in layout.open_bodies
+        shape = shell_of(faces) if is_open else solid_of(faces)
+        bodies.append(Body(shape, tuple(faces), tuple(face.region for face in own), is_open))
     return bodies
 
 

@@ -41,6 +41,14 @@ _LEAST = 8  # samples of a cap that is one, and of a piece of a face that goes o
 
 
 @dataclass(frozen=True)
+class Seen:
+    """A scan and its patches as they were before anything was added."""
+
+    scan: Scan
+    fitted: list[FittedPatch]
+
+
+@dataclass(frozen=True)
 class Completed:
     """A scan and its patches with points where the scan shows none."""
 
@@ -50,6 +58,13 @@ class Completed:
     proxy: Mesh | None = None  # None where none was found
     added: int = 0  # points at the end of the scan's that were not measured
     unclosed: int = 0  # gaps that the faces around them do not close
+    missed: float = 0.0  # share of the measured points that the proxy misses; all where there is none
+    seen: Seen | None = None  # where the scan does not show all of the part
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether no closed surface lies near the points, as where one side of walls was seen only."""
+        return self.missed > _NONE
 
     @property
     def measured(self) -> Array:
@@ -58,6 +73,8 @@ class Completed:
 
     def __str__(self) -> str:
         """"faces were extended and 1 flat cap was added"."""
+        if self.one_sided:
+            return "no closed surface lies near its points"
         if not self.added and not self.unclosed:
             return "the scan shows all of the part"
         said = []
@@ -83,34 +100,43 @@ def complete(scan: Scan, fitted: Sequence[FittedPatch]) -> Completed:
     whole = Completed(scan, list(fitted), proxy=own)
     if own is not None:
         return whole
-    whole, missed = _with_proxy(whole)
-    for _ in range(_LOOKS):
-        gaps = find_gaps(whole.scan, whole.proxy) if whole.proxy is not None and missed < _NONE else []
+    whole = _with_proxy(whole)
+    first = _gaps(whole)
+    for look in range(_LOOKS):
+        gaps = _gaps(whole) if look else first
         if not gaps:
             break
-        good = missed < _GOOD
+        good = whole.missed < _GOOD
         part = _Part(whole, len(fitted))
         for gap in joined(gaps if good else gaps[:1]):
             part.close(gap)
-        more, misses = _with_proxy(part.whole()) if len(part.found) else (whole, 1.0)
-        if misses > missed + _GOOD:
-            return replace(whole, unclosed=len(joined(gaps)))
-        done = good or misses > missed - _BETTER
-        whole, missed = more, misses
+        more = _with_proxy(part.whole()) if len(part.found) else None
+        if more is None or more.missed > whole.missed + _GOOD:
+            whole = replace(whole, unclosed=len(joined(gaps)))
+            break
+        done = good or more.missed > whole.missed - _BETTER
+        whole = more
         if done:
             break
-    return whole
+    return replace(whole, seen=Seen(scan, list(fitted)) if first or whole.one_sided else None)
 
 
-def _with_proxy(completed: Completed) -> tuple[Completed, float]:
-    """The same with a proxy, and the share of the measured points that this misses; all where there is none."""
+def _gaps(completed: Completed) -> list[Gap]:
+    """The gaps that the proxy shows, the largest first."""
+    if completed.proxy is None or completed.one_sided:
+        return []
+    return find_gaps(completed.scan, completed.proxy)
+
+
+def _with_proxy(completed: Completed) -> Completed:
+    """The same with a proxy, if there is one: another rung of the ladder may find one."""
     try:
         mesh = proxy_mesh(completed.scan, completed.fitted)
-    except AssemblyError:  # another rung of the ladder may find one
-        return completed, 1.0
+    except AssemblyError:
+        return replace(completed, missed=1.0)
     scan, count = completed.scan, len(completed.measured)
     measured = replace(scan, points=scan.points[:count], normals=scan.normals[:count])
-    return replace(completed, proxy=mesh), proxy_quality(mesh, measured)
+    return replace(completed, proxy=mesh, missed=proxy_quality(mesh, measured))
 
 
 @dataclass

@@ -14,8 +14,8 @@ import numpy as np
 from sed2cad.geometry.bulges import bulged
 from sed2cad.geometry.curves import Arc, Array, Line
 from sed2cad.geometry.layout import Layout, LayoutEdge, LayoutFace, Loop, Placement
-from sed2cad.geometry.loose import Loose
 from sed2cad.geometry.polygons import MOST_CORNERS, Cloud, filled
+from sed2cad.primitives.loose import Loose
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.vectors import tangent_frame, unit
 
@@ -44,7 +44,7 @@ def faceted(layout: Layout, clouds: Mapping[int, Cloud]) -> Layout:
     faces = [replace(f, loops=tuple(work.loops[n])) for n, f in enumerate(layout.faces) if n not in loose]
     for n in loose:
         faces += work.triangles(layout.faces[n], work.loops[n], clouds[layout.faces[n].region])
-    return Layout(np.array(work.vertices), tuple(work.edges), tuple(faces))
+    return replace(layout, vertices=np.array(work.vertices), edges=tuple(work.edges), faces=tuple(faces))
 
 
 @dataclass

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sed2cad.components import components
 from sed2cad.geometry.curves import Arc, Array, Circle, Interpolated
 from sed2cad.geometry.realise import Realised
 from sed2cad.primitives.base import FittedPatch, Primitive
@@ -66,6 +67,7 @@ class Layout:
     vertices: Array  # (v, 3)
     edges: tuple[LayoutEdge, ...]
     faces: tuple[LayoutFace, ...]
+    open_bodies: frozenset[int] = frozenset()  # some of whose faces were left out
 
     def in_world(self, frame: Frame) -> Layout:
         """From the unit frame to world coordinates."""
@@ -80,7 +82,19 @@ class Layout:
             )
             for f in self.faces
         )
-        return Layout(scale * self.vertices + origin, edges, faces)
+        return Layout(scale * self.vertices + origin, edges, faces, self.open_bodies)
+
+    def without(self, left_out: Collection[int]) -> Layout:
+        """The layout without some of its faces, by number: what hangs together of the rest is a body."""
+        faces = [face for n, face in enumerate(self.faces) if n not in left_out]
+        if len(faces) == len(self.faces):
+            return self
+        uses = [(n, e) for n, face in enumerate(faces) for loop in face.loops for e, _ in loop]
+        face, edge = np.array(uses, dtype=np.int64).reshape(-1, 2).T
+        _, part = components(len(faces) + len(self.edges), np.column_stack([face, len(faces) + edge]))
+        alone = np.bincount(edge, minlength=len(self.edges)) == 1
+        faces = [replace(f, body=int(own)) for f, own in zip(faces, part)]
+        return replace(self, faces=tuple(faces), open_bodies=frozenset(part[face[alone[edge]]].tolist()))
 
 
 class Draft:

@@ -15,13 +15,13 @@ from scipy.optimize import brentq
 from sed2cad.errors import AssemblyError
 from sed2cad.geometry.curves import TURN, Array, Curve, winding
 from sed2cad.geometry.layout import Draft, Layout, Placement, Pole
-from sed2cad.geometry.loose import Loose
 from sed2cad.geometry.turning import Turning, share_of, wrapped
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.bspline import BSplineSurface
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.extrusion import Extrusion
+from sed2cad.primitives.loose import Loose
 from sed2cad.primitives.net_surface import NetSurface
 from sed2cad.primitives.plane import Plane
 from sed2cad.primitives.revolution import Revolution

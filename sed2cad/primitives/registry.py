@@ -16,11 +16,12 @@ _CLASSES = {
     "bspline": "BSplineSurface",
     "extrusion": "Extrusion",
     "revolution": "Revolution",
+    "loose": "Loose",
 }
 
 SWEPT_KINDS: tuple[str, ...] = ("extrusion", "revolution")  # what a patch of kind "bspline" may turn out to be
-KINDS: tuple[str, ...] = tuple(kind for kind in _CLASSES if kind not in SWEPT_KINDS)  # of patches
-ANALYTIC_KINDS: tuple[str, ...] = KINDS[:-1]
+ANALYTIC_KINDS: tuple[str, ...] = ("plane", "cylinder", "cone", "sphere", "torus")
+KINDS: tuple[str, ...] = (*ANALYTIC_KINDS, "bspline")  # of patches
 
 
 def primitive_class(kind: str) -> type[Primitive]:

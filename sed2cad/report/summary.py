@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sed2cad.assembly import FACETS, Assembly
+from sed2cad.brep.attempt import Limits
 from sed2cad.completion.complete import Completed
 from sed2cad.constraints import Constraint
 from sed2cad.geometry.chains import length
@@ -61,30 +62,37 @@ def summarise(
 
 def _unseen(assembly: Assembly, completed: Completed) -> list[str]:
     """What the solid shows and the scan does not."""
-    if not completed.added and not completed.unclosed:
+    if completed.seen is None:
         return []
     how = str(completed)
     if assembly.open_at:
-        how = "faces were extended, and the shell is open where it ends"
+        extended = any(k in completed.caps for k in assembly.open_at)
+        how = ("faces were extended, and " if extended else "") + "the shell is open where it ends"
     elif completed.caps and assembly.rung == FACETS:
         how = "facets close it"
-    return [f"the scan does not show all of the part: {how}"]
+    said = [f"the scan does not show all of the part: {how}"]
+    coverage = assembly.solid.gate.coverage
+    if assembly.open_at and coverage < Limits().coverage:
+        said.append(f"only {100 * coverage:.1f} % of the points lie on faces: others could not be built")
+    return said
 
 
 def _boundaries(assembly: Assembly, names: tuple[str, ...], frame: Frame) -> tuple[Boundary, ...]:
     """The loops that the faces which were left out had, the longest first."""
-    topology = assembly.topology
+    regions, chains = assembly.topology.regions, assembly.topology.chains
     found = []
-    left_out = [region for region in topology.regions if region.primitive in assembly.open_at]
-    for surface, loop in ((assembly.fitted[r.primitive].primitive, loop) for r in left_out for loop in r.loops):
-        chains = [topology.chains[chain] for chain, _ in loop]
-        beside = [chain.right if direction > 0 else chain.left for chain, (_, direction) in zip(chains, loop)]
-        along = dict.fromkeys(names[topology.regions[number].primitive] for number in beside)
-        ways = [frame.to_world(surface.project(chain.points)) for chain in chains]
-        low, high = (end([end(way, axis=0) for way in ways], axis=0) for end in (np.min, np.max))
-        x, y, z = ((low + high) / 2).tolist()
-        whole = sum(length(way, chain.closed) for way, chain in zip(ways, chains))
-        found.append(Boundary(tuple(along), whole, (x, y, z)))
+    for region in (region for region in regions if region.primitive in assembly.open_at):
+        surface = assembly.fitted[region.primitive].primitive
+        for loop in region.loops:
+            beside = [regions[chains[k].right if way > 0 else chains[k].left].primitive for k, way in loop]
+            ways = []
+            for other, chain in zip(beside, (chains[k] for k, _ in loop)):
+                on = surface if surface.freedom else assembly.fitted[other].primitive
+                ways.append((frame.to_world(on.project(chain.points)), chain.closed))
+            low, high = (end([end(way, axis=0) for way, _ in ways], axis=0) for end in (np.min, np.max))
+            x, y, z = ((low + high) / 2).tolist()
+            along = dict.fromkeys(names[other] for other in beside)
+            found.append(Boundary(tuple(along), sum(length(*way) for way in ways), (x, y, z)))
     return tuple(sorted(found, key=lambda boundary: -boundary.length))
 
 

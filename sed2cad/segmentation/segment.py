@@ -17,6 +17,7 @@ from sed2cad.primitives.robust_fit import FINEST
 from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.corners import Corners, on_surfaces
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances
+from sed2cad.segmentation.flats import with_flats
 from sed2cad.segmentation.graph import Graph
 from sed2cad.segmentation.level import FLOOR, Level
 from sed2cad.segmentation.linkage import average_linkage, pair_evidence
@@ -38,6 +39,9 @@ NEARLY_ALL = 0.98
 OF_A_MESH = 0.99  # its bad normals come in groups, where the triangles are large
 UNEVEN = 5e-3  # unit frame: deviation of an uneven surface from the simple one that is meant
 MANY = 100  # patches
+ALL_SMOOTH = 0.9  # share of the borders that are smooth: no face that parts cut up has an edge in it
+PARALLEL = 0.985  # cosine
+FEWER = 0.5  # so many of the patches are left where an uneven surface is taken for the simple one that is meant
 COMMON = 0.8  # share of planes and cylinders: 0.87 of the faces of real parts, 0.7 of the pieces of an uneven one
 EDGE = 0.75  # probability from which a point counts as an edge point
 
@@ -56,7 +60,7 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
     First on the points that the network sees, with a wide tolerance of their normals and, where these turn out to be
     better, with a narrow one. Then, where there are more, on all points: the small faces that were a handful of them
     are found there. A surface more uneven than the noise of a real scan, as cast and bent things have, falls to pieces
-    of all kinds; then `most` is taken for its noise.
+    of all kinds, or to some without an edge between them; then `most` is taken for its noise.
 
     The vertices of a CAD system's mesh lie on its surfaces exactly: they tell patches apart that hardly differ.
     """
@@ -69,8 +73,10 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
         state = level.refiner(tolerances, freeform).improve(state, SHARP_ROUNDS)
     if len(scan.points) > len(level.rows):
         level, state = _closer_look(scan, level, state, tolerances, freeform, seed)
-    kinds = settle(level, state, tolerances, noise)
-    everyone = spread(level, state.labels, scan.points, scan.normals)
+    kinds, found = settle(level, state, tolerances, noise), state.labels
+    if level.corners is None and noise <= FINEST:
+        found, kinds = with_flats(level.points, level.normals, found, kinds, level.fewest)
+    everyone = spread(level, found, scan.points, scan.normals)
     edge = labels.edge[labels.nearest] > EDGE if labels is not None else np.zeros(len(scan.points), bool)
     interior = _inside(scan, everyone) & ~edge
     patches = [
@@ -81,8 +87,8 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
     scan = replace(scan, noise=noise)
     corners = Corners.of(scan) if level.corners is not None else None
     if corners is not None:
-        found = ((np.flatnonzero(everyone == k), c.primitive, c.sign) for k, c in enumerate(state.primitives))
-        scan = on_surfaces(scan, corners, found)
+        held = ((np.flatnonzero(everyone == k), c.primitive, c.sign) for k, c in enumerate(state.primitives))
+        scan = on_surfaces(scan, corners, held)
     return Segmentation(patches, scan)
 
 
@@ -90,14 +96,22 @@ def _first_look(
     scan: Scan, labels: PointLabels | None, freeform: Array | None, seed: int, most: float
 ) -> tuple[float, Level, State]:
     """Patches among the points that the network sees, and the deviation that is taken for noise."""
-    uneven = max(scan.noise, most) if scan.noise > FINEST else scan.noise
-    for noise in sorted({scan.noise, uneven}):
+    rows = labels.seen if labels is not None else _some(scan, COARSE, seed)
+
+    def look(noise: float) -> tuple[float, Level, State]:
         tolerances = Tolerances(distance=max(FLOOR, noise))
-        level = Level.of(scan, labels.seen if labels is not None else _some(scan, COARSE, seed), tolerances)
-        state = level.refiner(tolerances, freeform).run(_proposals(level, labels, seed))
-        if not falls_to_pieces([choice.primitive.kind for choice in state.primitives]):
-            break
-    return noise, level, state
+        level = Level.of(scan, rows, tolerances)
+        return noise, level, level.refiner(tolerances, freeform).run(_proposals(level, labels, seed))
+
+    noise, level, state = look(scan.noise)
+    if not FINEST < noise < most:
+        return noise, level, state
+    pieces = falls_to_pieces([choice.primitive.kind for choice in state.primitives])
+    if not pieces and smooth_borders(level, state) < ALL_SMOOTH:
+        return noise, level, state
+    simpler = look(most)
+    fewer = len(simpler[2].primitives) <= FEWER * len(state.primitives)
+    return simpler if pieces or fewer else (noise, level, state)
 
 
 def _closer_look(
@@ -120,6 +134,20 @@ def falls_to_pieces(kinds: Sequence[str]) -> bool:
     """Whether there are many patches and too few of them planes and cylinders for a machined part."""
     common = sum(kind in ("plane", "cylinder") for kind in kinds)
     return len(kinds) >= MANY and common < COMMON * len(kinds)
+
+
+def smooth_borders(level: Level, state: State) -> float:
+    """Share of the neighbours on two patches whose surfaces are nearly parallel there; 0 where there are none."""
+    pairs = level.graph.pairs[(state.labels[level.graph.pairs] >= 0).all(axis=1)]
+    i, j = pairs[np.diff(state.labels[pairs])[:, 0] != 0].T
+    if len(i) == 0:
+        return 0.0
+    normals = np.zeros((2, len(i), 3))
+    for k, choice in enumerate(state.primitives):
+        for side, own in enumerate((i, j)):
+            at = state.labels[own] == k
+            normals[side, at] = choice.sign * choice.primitive.normal(level.points[own[at]])
+    return float((np.einsum("ij,ij->i", *normals) > PARALLEL).mean())
 
 
 def _proposals(level: Level, labels: PointLabels | None, seed: int) -> list[Labels]:

@@ -22,6 +22,7 @@ from sed2cad.topology.samples import Mask, Samples
 _OPPOSITE = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # facet across from each corner
 _FAR = 2.0  # unit frame: half the size of the box around all
 _SMOOTHNESS = (1.0, 3.0)  # what facets cost against votes
+_OUTSIDE = 20.0  # vote of what is surely so
 _JITTER = 1e-3  # spacings: no four samples in one plane, or on one circle
 
 
@@ -42,19 +43,27 @@ class Tetrahedra:
         """The facets (m, 3) across from corners `across` of tetrahedra (m,), facing outwards."""
         return np.take_along_axis(self.corners[tetrahedra], _OPPOSITE[across], axis=1)
 
+    def diameters(self) -> Array:
+        """Lengths (t,) of their longest edges."""
+        pairs = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]).T
+        first, second = (self.points[self.corners[:, ends]] for ends in pairs)
+        return np.asarray(np.linalg.norm(first - second, axis=2).max(axis=1))
+
     def longest_edges(self, facets: Faces) -> Array:
         """Lengths (m,)."""
         corners = self.points[facets]
         return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
 
 
-def carved(samples: Samples, spacing: float) -> Mesh:
+def carved(samples: Samples, spacing: float, longest: float = np.inf) -> Mesh:
     """The closed manifold surface (outward) of the part that the samples describe.
 
     Cut more and less smoothly: what goes wrong makes tunnels, so the surface with the fewest handles is kept.
+    Tetrahedra with edges above `longest` are outside.
     """
     tetrahedra = triangulated(samples.points, spacing)
     votes = sample_votes(tetrahedra, samples)
+    votes[tetrahedra.diameters() > longest] = _OUTSIDE
     first, across = np.nonzero(tetrahedra.neighbours > np.arange(len(votes))[:, None])
     pairs = np.column_stack([first, tetrahedra.neighbours[first, across]])
     prices = _facet_prices(tetrahedra, tetrahedra.facets(first, across), samples, spacing)
@@ -98,7 +107,7 @@ def sample_votes(tetrahedra: Tetrahedra, samples: Samples) -> Array:
     above = np.einsum("ij,ikj->ik", way, samples.normals[corner])
     above = np.where(samples.convex[corner], above.max(axis=1), above.min(axis=1))
     votes = np.where(far, 0.0, np.clip(5 * above, -1, 1)).reshape(-1, 4).sum(axis=1)
-    return np.where(far.reshape(-1, 4).any(axis=1), 20.0, votes)
+    return np.where(far.reshape(-1, 4).any(axis=1), _OUTSIDE, votes)
 
 
 def _facet_prices(tetrahedra: Tetrahedra, facets: Faces, samples: Samples, spacing: float) -> Array:

@@ -29,7 +29,7 @@ from sed2cad.topology.slivers import without_caps
 
 _GOOD = 0.02  # share of badly met points that no further attempt would improve much
 _CLEARLY = 0.02  # by which a later attempt must be better
-_MOST_SAMPLES = 25_000
+MOST_SAMPLES = 25_000
 _MOST_TRIANGLES = 150_000
 _LONGEST_EDGE = 0.03  # unit frame: of the proxy's triangles away from borders
 _POISSON_DEPTH = 8
@@ -73,7 +73,7 @@ def _attempts(scan: Scan, fitted: Sequence[FittedPatch]) -> list[Callable[[], Me
     """Ways to a proxy, the best first."""
     if not fitted:
         return [lambda: poisson(scan.points, scan.normals)]
-    samples, spacing = _few_enough(surface_samples(scan, fitted), scan.spacing)
+    samples, spacing = few_enough(surface_samples(scan, fitted), scan.spacing)
     return [
         lambda: _carved_both(samples, fitted, spacing),
         lambda: poisson(samples.points, samples.normals[:, 0]),
@@ -86,7 +86,7 @@ def smooth_proxy(scan: Scan, fitted: Sequence[FittedPatch]) -> Mesh:
 
     AssemblyError where it is not closed.
     """
-    samples, _ = _few_enough(surface_samples(scan, fitted), scan.spacing)
+    samples, _ = few_enough(surface_samples(scan, fitted), scan.spacing)
     mesh = poisson(samples.points, samples.normals[:, 0])
     if mesh is None or not is_closed_manifold(mesh.faces) or mesh.volume() <= 0:
         raise AssemblyError("No closed surface could be laid through the points of the scan.")
@@ -102,10 +102,10 @@ def _carved_both(samples: Samples, fitted: Sequence[FittedPatch], spacing: float
     return fewest_handles(meshes)
 
 
-def _few_enough(samples: Samples, spacing: float) -> tuple[Samples, float]:
-    """At most about _MOST_SAMPLES of the samples, evenly, and their spacing."""
+def few_enough(samples: Samples, spacing: float, most: int = MOST_SAMPLES) -> tuple[Samples, float]:
+    """At most about so many of the samples, evenly, and their spacing."""
     cell = spacing
-    while len(samples) > _MOST_SAMPLES:
+    while len(samples) > most:
         cell *= 1.3
         samples = thinned(samples, cell)
     if cell > spacing:

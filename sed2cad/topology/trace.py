@@ -37,11 +37,16 @@ class Traced:
 
 
 def trace(
-    scan: Scan, fitted: Sequence[FittedPatch], smoothness: float = 1.0, proxy: Mesh | None = None
+    scan: Scan,
+    fitted: Sequence[FittedPatch],
+    smoothness: float = 1.0,
+    proxy: Mesh | None = None,
+    unseen: Labels | None = None,
 ) -> Traced:
     """Regions, chains and corners of the part. AssemblyError when there is no closed proxy or no patch.
 
-    proxy: that of an earlier trace of the same scan and patches, so that it is not made again.
+    proxy: that of an earlier trace of the same scan and patches, so that it is not made again; unseen: triangles of it
+    that lie on no surface, but on a last patch that has none.
     """
     if not any(len(patch.patch.indices) for patch in fitted):
         raise AssemblyError("No surface was found on the scan.")
@@ -49,6 +54,9 @@ def trace(
     points = settled_labels(scan, fitted, neighbours(scan))
     near = adjacency(mesh)
     costs = data_costs(mesh, scan, fitted, points)
+    if unseen is not None:
+        costs[unseen] = np.inf
+        costs[unseen, -1] = 0.0
     labels = label_triangles(mesh, near, costs, smoothness)
     support = support_of(mesh, scan, points)
     labels = cleaned_labels(mesh, near, costs, labels, support)

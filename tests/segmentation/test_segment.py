@@ -235,6 +235,21 @@ def test_a_surface_more_uneven_than_its_noise_gets_the_faces_that_are_meant(monk
     assert all(np.mean(face[patch.indices] == np.bincount(face[patch.indices]).argmax()) > 0.95 for patch in large)
 
 
+def test_a_few_uneven_plates_are_as_many_planes() -> None:
+    """No edge parts the pieces that each falls to."""
+    rng = np.random.default_rng(0)
+    low = np.array([[0.0, 0, 0.3], [-0.4, 0, 0], [0.5, 0, 0]])
+    plate = np.repeat([0, 1, 2], [1500, 900, 600])
+    points = low[plate] + rng.random((3000, 3)) * np.array([[0.4, 0.4, 0], [0.3, 0.4, 0], [0.2, 0.4, 0]])[plate]
+    waves = np.sin(points[:, :2] @ np.array([[19.0, 5], [7, 16]]))
+    points[:, 2] += 2e-3 * waves.sum(axis=1) + 4e-4 * rng.standard_normal(3000)
+    scan = prepare(RawScan(points, name="plates"), 0)
+    found = segment(scan, None)
+    assert found.scan.noise == UNEVEN
+    assert sorted(len(patch.indices) for patch in found.patches) == [600, 900, 1500]
+    assert len(segment(scan, None, most=scan.noise).patches) > 6
+
+
 def test_many_machined_faces_are_no_unevenness() -> None:
     assert not falls_to_pieces(["plane"] * 160 + ["cylinder"] * 70 + ["torus"] * 40)
     assert not falls_to_pieces(["bspline"] * 40)

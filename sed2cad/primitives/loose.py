@@ -1,4 +1,4 @@
-"""No surface at all: what carries a face that is going to be replaced by facets.
+"""No surface at all: what carries a face that is going to be replaced by facets, or left out where the scan ends.
 
 Every point lies on it and it faces nowhere, so the edges and corners around it follow the other faces alone.
 """

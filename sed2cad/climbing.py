@@ -1,0 +1,206 @@
+"""The ladder of exact solids: every rung is one attempt in a child process with a time limit.
+
+The first whose solid passes the gate is taken; where none does, the faces to blame are replaced.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sed2cad.brep.attempt import AssemblyResult, Attempt, Limits, Options
+from sed2cad.brep.jobs import judge
+from sed2cad.brep.worker import Failure, run_isolated, warm_up
+from sed2cad.constraints import Constraint
+from sed2cad.errors import AssemblyError
+from sed2cad.geometry.necks import without_necks
+from sed2cad.mending import Flawed, looked_again, mend
+from sed2cad.regularize import regularize
+from sed2cad.rungs import LADDER, RAW_LADDER, UNREGULARISED, Rung, Tracer
+from sed2cad.scan.scan import Array, Scan
+from sed2cad.settings import Settings
+
+Done = Callable[[str, str], None]
+
+MENDED = "mended"
+_MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
+_LEAST_SECONDS = 12.0  # of an attempt, and of mending, however late
+_OPEN_COVERAGE = 0.8  # share of the points that must be explained by an open shell: faces may be missing
+_APART = 4.0  # spacings: so far from the next point lie some places on the surface of a random scan
+_MANY = 100_000  # points: for so many and more all limits are twice as long, as tracing takes its time
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One rung tried."""
+
+    name: str  # of the rung
+    flawed: Flawed  # what was tried, if it was not good enough
+    outcome: AssemblyResult | Failure
+    constraints: tuple[Constraint, ...]
+
+    @property
+    def fault(self) -> str:
+        """Why it is not good enough; empty when it is."""
+        return fault_of(self.outcome)
+
+    @property
+    def blamed(self) -> tuple[int, ...]:
+        """Regions whose faces are to blame, as far as that is known."""
+        return self.flawed.verdict.blamed if self.flawed.verdict else ()
+
+    @property
+    def flaws(self) -> float:
+        """How many faces are to blame, as far as that is known; infinite where there is nothing to mend."""
+        if isinstance(self.outcome, Failure):
+            return 1.5 * len(self.blamed) or math.inf
+        return len(self.blamed) or 99.0
+
+    @property
+    def impossible(self) -> bool:
+        """Whether the topology allows no solid at all, on whatever surfaces."""
+        return isinstance(self.outcome, Failure) and self.outcome.kind == "error"
+
+    @property
+    def undrawn(self) -> int:
+        """How many faces CAD programs may fail to draw, of a solid that is right but for these."""
+        return 0 if isinstance(self.outcome, Failure) else self.outcome.gate.undrawn
+
+
+@dataclass
+class Climb:
+    """One way up the ladder. Its time begins with it."""
+
+    tracer: Tracer
+    judges: Array  # (n, 3) points that the solids are judged by
+    settings: Settings
+    done: Done
+    failures: list[str]  # of the rungs so far
+    trials: list[Trial] = field(default_factory=list)
+    start: float = field(default_factory=time.perf_counter)
+
+    def best(self) -> Trial | None:
+        """The first solid that passes the gate; at the end one with faces that cannot be drawn, or None."""
+        for rung in LADDER if self.settings.regularize else RAW_LADDER:
+            if self.tracer.proxies and self._late():
+                self.failures.append(f"{rung.name}: not tried, the time for exact solids was over")
+                break
+            try:
+                if not self._applies(rung):
+                    continue
+                for trial in self._tries(rung):
+                    self.done("assemble", f"{trial.name}: {trial.fault or self._passed}")
+                    if not trial.fault:
+                        return trial
+                    self.failures.append(f"{trial.name}: {trial.fault}")
+                    self.trials.append(trial)
+                    warm_up(2)
+            except AssemblyError as error:
+                self.failures.append(f"{rung.name}: {error}")
+                self.done("assemble", self.failures[-1])
+        if not self.tracer.proxies:
+            return None
+        return self._mended() or min((t for t in self.trials if t.undrawn), key=lambda t: t.undrawn, default=None)
+
+    @property
+    def _passed(self) -> str:
+        return "closed" if self.tracer.unseen is None else "open where the scan ends"
+
+    def _applies(self, rung: Rung) -> bool:
+        """Whether a rung may do better than those before it. AssemblyError when there is no topology."""
+        hopeless = rung.name == UNREGULARISED and self.trials and self.trials[0].impossible
+        return self.tracer.applies(rung) and not hopeless
+
+    def _tries(self, rung: Rung) -> Iterator[Trial]:
+        """What becomes of a rung and, the first time and in time, of a second look at what is to blame.
+        AssemblyError."""
+        first = not self.trials
+        trial = self._attempt(rung)
+        yield trial
+        if first and trial.blamed and not trial.undrawn and not self._late():
+            again = looked_again(self.tracer.scan, trial.flawed, trial.blamed)
+            if again is not None:
+                yield self._tried(f"{trial.name}, second look", again, trial.constraints)
+
+    def _attempt(self, rung: Rung) -> Trial:
+        """One rung."""
+        scan, traced = self.tracer.scan, self.tracer.trace(rung)
+        topology, patches = self.tracer.walled(rung)
+        constraints: list[Constraint] = []
+        if rung.regular:
+            step = self.settings.round / scan.frame.scale if self.settings.round else None
+            patches, constraints = regularize(scan, patches, topology, step)
+        topology = without_necks(topology, patches)
+        faces, edges = len(topology.regions), len(topology.chains)
+        self.done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
+        surface = np.vstack([scan.points, traced.proxy.vertices])
+        limits = limits_of(scan, self.settings)
+        if self.tracer.unseen is not None:
+            limits = replace(limits, coverage=_OPEN_COVERAGE)
+        options = Options(limits=limits)
+        attempt = Attempt(topology, tuple(patches), scan.frame, self.judges, options, surface)
+        return self._tried(rung.name, Flawed(attempt, traced), tuple(constraints))
+
+    def _tried(self, name: str, flawed: Flawed, constraints: tuple[Constraint, ...]) -> Trial:
+        """What the kernel makes of an attempt."""
+        verdict = run_isolated(judge, flawed.attempt, min(self.settings.attempt_seconds, self._left()))
+        if isinstance(verdict, Failure):
+            return Trial(name, flawed, verdict, constraints)
+        outcome = verdict.result or Failure("error", verdict.reason)
+        return Trial(name, replace(flawed, verdict=verdict), outcome, constraints)
+
+    def _mended(self) -> Trial | None:
+        """The trial with the fewest faces to blame, those replaced; None where that does not pass either."""
+        scan = self.tracer.scan
+        hopeful = sorted((t for t in self.trials if t.flaws < math.inf), key=lambda t: t.flaws)[:_MENDED]
+        end = time.perf_counter() + min(self.settings.attempt_seconds * _patience(scan), self._left())
+        for trial in hopeful:
+            warm_up(2)
+            left = end - time.perf_counter()
+            try:
+                mended, reason = mend(
+                    scan,
+                    trial.flawed,
+                    run_isolated,
+                    left if trial is hopeful[-1] else left / 2,
+                    lambda message: self.done("assemble", f"{MENDED}: {message}"),
+                )
+            except AssemblyError as error:
+                mended, reason = None, str(error)
+            if mended is not None:
+                flawed = replace(trial.flawed, attempt=mended.attempt)
+                return replace(trial, name=MENDED, flawed=flawed, outcome=mended.result)
+            self.failures.append(f"{MENDED}: {reason}")
+        return None
+
+    def _late(self) -> bool:
+        """Whether it has had its time for exact solids."""
+        return time.perf_counter() - self.start > self.settings.exact_seconds * _patience(self.tracer.scan)
+
+    def _left(self) -> float:
+        """Seconds left; some there always are."""
+        patience = _patience(self.tracer.scan)
+        left = self.settings.solid_seconds * patience - (time.perf_counter() - self.start)
+        return max(left, _LEAST_SECONDS * patience)
+
+
+def _patience(scan: Scan) -> float:
+    """How much longer than usual the limits are: from 1 for usual scans to 2 for dense ones."""
+    return 1.0 + min(len(scan.points) / _MANY, 1.0)
+
+
+def fault_of(outcome: AssemblyResult | Failure) -> str:
+    """Why what came of an attempt is not good enough; empty when it is."""
+    return outcome.sentence if isinstance(outcome, Failure) else outcome.gate.reason
+
+
+def limits_of(scan: Scan, settings: Settings) -> Limits:
+    """The gate's limits: a tolerance given by the user says which points are explained; points may be far apart."""
+    limits = Limits()
+    distance = settings.tolerance / scan.frame.scale if settings.tolerance else limits.distance
+    stray = max(limits.stray, _APART * scan.spacing)
+    return replace(limits, distance=max(distance, 3 * scan.noise), stray=stray)
