@@ -30,7 +30,7 @@ from sed2cad.topology.sheet import sheet_of
 FACETS = "facets"
 VARIANT = "variant"
 _OPENING_SECONDS = 10.0
-_AGAIN = 0.5  # of the time for exact solids, for what the scan shows where no closed one was found
+_LONGER = 2.0  # times as long as for a solid, for a shell whose faces to blame are left out one after the other
 FACET_COUNTS = (1500, 3000, 6000)  # triangles of the faceted solid: coarse first, finer where that fails the gate
 
 
@@ -85,13 +85,19 @@ def _assembly(trial: Trial, failures: Sequence[str], left_out: Sequence[int]) ->
 
 def _open_shell(seen: Seen, settings: Settings, done: Done, failures: list[str]) -> Assembly | None:
     """Only the faces that the scan shows, bounded where it ends; None where they do not pass the gate either."""
-    sheet, fitted = sheet_of(seen.scan, seen.fitted), [*seen.fitted, loose_patch()]
+    try:
+        sheet = sheet_of(seen.scan, seen.fitted)
+    except AssemblyError as error:
+        failures.append(str(error))
+        return None
+    fitted = [*seen.fitted, loose_patch()]
     tracer = Tracer(seen.scan, fitted, {"carved": sheet.mesh}, unseen=sheet.back)
-    less = replace(
-        settings, exact_seconds=_AGAIN * settings.exact_seconds, solid_seconds=_AGAIN * settings.solid_seconds
-    )
-    trial = Climb(tracer, seen.scan.points, less, done, failures).best()
-    return None if trial is None else replace(_assembly(trial, failures, ()), open_at=(len(seen.fitted),))
+    longer = replace(settings, solid_seconds=_LONGER * settings.solid_seconds)
+    trial = Climb(tracer, seen.scan.points, longer, done, failures).best()
+    if trial is None:
+        return None
+    shell = _assembly(trial, failures, ())
+    return shell if shell.solid.gate.closed else replace(shell, open_at=(len(seen.fitted),))
 
 
 def _opened(assembly: Assembly, caps: Sequence[int]) -> Assembly:

@@ -116,9 +116,9 @@ class Climb:
         return self.tracer.applies(rung) and not hopeless
 
     def _tries(self, rung: Rung) -> Iterator[Trial]:
-        """What becomes of a rung and, the first time and in time, of a second look at what is to blame.
-        AssemblyError."""
-        first = not self.trials
+        """What becomes of a rung and, the first time and in time, of a second look at what is to blame in a closed
+        part. AssemblyError."""
+        first = not self.trials and self.tracer.unseen is None
         trial = self._attempt(rung)
         yield trial
         if first and trial.blamed and not trial.undrawn and not self._late():
@@ -156,7 +156,8 @@ class Climb:
     def _mended(self) -> Trial | None:
         """The trial with the fewest faces to blame, those replaced; None where that does not pass either."""
         scan = self.tracer.scan
-        hopeful = sorted((t for t in self.trials if t.flaws < math.inf), key=lambda t: t.flaws)[:_MENDED]
+        hopeful = sorted((t for t in self.trials if t.flaws < math.inf), key=lambda t: t.flaws)
+        hopeful = hopeful[: _MENDED if self.tracer.unseen is None else 1]  # what is left out of a shell ends it at last
         end = time.perf_counter() + min(self.settings.attempt_seconds * _patience(scan), self._left())
         for trial in hopeful:
             warm_up(2)

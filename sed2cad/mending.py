@@ -30,6 +30,7 @@ Run = Callable[[Callable[[Attempt], Verdict], Attempt, float], Verdict | Failure
 
 _MOST_ROUNDS = 24
 _TINY = 2e-3  # of the unit area: smaller faces become facets at once
+_SMALL = 0.01  # smaller ones are left out of an open shell at once: there are many, and each trial takes seconds
 _CLOUD = 3000  # points of a face that its facets follow
 _LARGEST = 0.8  # share of the surface: when more is to be replaced, the solid is not worth mending
 _CLOSE = 3e-3  # unit frame: rms of a freeform face from its region of the proxy mesh
@@ -88,7 +89,7 @@ class Mending:
 
     def _smooth(self, region: int) -> FittedPatch | None:
         """A freeform surface through a region, where one comes near enough."""
-        if self.base.topology.regions[region].area < _TINY:
+        if self.base.topology.regions[region].area < (_TINY if self.nothing is None else _SMALL):
             return None
         cloud = self.cloud(region)
         surface = fit_bspline(cloud.points, cloud.normals, 5e-4)
@@ -171,7 +172,8 @@ def mend(
         say(f"{len(attempt.freeform)} freeform, {len(attempt.facets)} faceted: {reason or 'closed'} {verdict.blamed}")
         if verdict.result is not None and not reason:
             return Mended(verdict.result, attempt), ""
-        again = None if flawed.looked else looked_again(scan, flawed, verdict.blamed)
+        looked = flawed.looked or mending.nothing is not None
+        again = None if looked else looked_again(scan, flawed, verdict.blamed)
         flawed = again or replace(flawed, looked=True)
         if again is not None:
             mending = Mending(again.attempt, again.traced)

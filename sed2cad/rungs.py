@@ -87,8 +87,8 @@ class Tracer:
 
     def applies(self, rung: Rung) -> bool:
         """Whether a rung differs from those before it. AssemblyError when there is no topology."""
-        if self.unseen is not None and rung.proxy != "carved":
-            return False
+        if self.unseen is not None and rung.key != LADDER[0].key:
+            return False  # a face to blame is left out instead
         if rung.proxy == "thick":
             return has_thin_walls(self.scan)
         return rung.walls or self.has_steps(rung)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepCheck import BRepCheck_Analyzer
@@ -24,16 +26,16 @@ _BEYOND = 0.1  # share of a face that may lie off its region
 
 
 def to_blame(
-    joined: Joined, checked: Checked, topology: Topology, frame: Frame, limits: Limits
+    joined: Joined, checked: Checked, topology: Topology, left_out: Collection[int], frame: Frame, limits: Limits
 ) -> tuple[int, ...]:
-    """The regions whose faces are lost, invalid, not to be drawn, changed by the STEP file, off the scan or too
-    far from their edges.
+    """The regions whose faces are lost, invalid, not to be drawn, changed by the STEP file, off the scan or too far
+    from their edges; what was left out is not lost.
 
     () where none stands out.
     """
-    lost = set(range(len(topology.regions))) - set(joined.regions)
+    lost = set(range(len(topology.regions))) - set(joined.regions) - set(left_out)
     found = checked.result
-    if not (found.closed and found.valid) or lost:
+    if not (found.closed or joined.is_open) or not found.valid or lost:
         return tuple(sorted(lost | _invalid(joined)))
     if numbers := checked.undrawn or checked.changed:
         return tuple(sorted({joined.regions[number] for number in numbers} - {-1}))

@@ -49,9 +49,10 @@ def assemble(attempt: Attempt) -> AssemblyResult:
     try:
         return _assembled_straight_or_bent(attempt.loosened())
     except OpenFace as error:
-        if not _is_small_freeform(attempt, error.region):
+        if not all(_is_small_freeform(attempt, region) for region in error.regions):
             raise
-        return assemble(replace(attempt, facets={**attempt.facets, error.region: attempt.cloud(error.region)}))
+        facets = {region: attempt.cloud(region) for region in error.regions}
+        return assemble(replace(attempt, facets={**attempt.facets, **facets}))
 
 
 def _is_small_freeform(attempt: Attempt, number: int) -> bool:
@@ -78,6 +79,7 @@ def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
     draft = Draft(realise(topology, fitted, bend), fitted)
     layout = place(draft)
     unseen = [n for n, face in enumerate(layout.faces) if is_loose(face) and face.region not in attempt.facets]
+    left_out = {layout.faces[n].region for n in unseen}
     layout = layout.without(unseen)
     hollow = cavities(layout, [region.area for region in topology.regions], attempt.facets)
     bodies = build_bodies(faceted(layout, attempt.facets).in_world(frame))
@@ -100,7 +102,7 @@ def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
     if best is None:
         raise AssemblyError("no repair of the solid was asked for")
     limits = attempt.options.limits
-    blamed = to_blame(best[2], best[3], topology, frame, limits)
+    blamed = to_blame(best[2], best[3], topology, left_out, frame, limits)
     blamed = tuple(r for r in blamed if r not in attempt.facets)
     blamed = blamed or at_worst_edge(layout, topology, limits.tolerance)
     return replace(best[1], blamed=blamed), best[3]
@@ -181,5 +183,5 @@ def judge(attempt: Attempt) -> Verdict:
     try:
         result = assemble(attempt)
     except OpenFace as error:
-        return Verdict(None, str(error), (error.region,))
+        return Verdict(None, str(error), error.regions)
     return Verdict(result, result.gate.reason, result.blamed)

@@ -208,7 +208,7 @@ class _Part:
                     more = more[cap.is_within(more, _SLACK * gap.spacing)]
             own = self.faces.points[(self.faces.labels == k).any(axis=1)]
             if len(own):
-                away, _ = cKDTree(own).query(more)
+                away, _ = cKDTree(own).query(more, workers=-1)
                 more = more[away > _APART * gap.reach]
                 more = more[is_sure(self.patches[k], more, own)]
                 more = more[~self._is_shown(shown, k, more, gap.reach)]

@@ -39,7 +39,7 @@ def on_cheapest(scan: Scan, gap: Gap, faces: Samples, candidates: Samples, measu
         on, band = _on_cut(known, few, cell, measured)
         if cell == gap.spacing:
             return candidates[_is_near(few[on], candidates, 0.5 * cell)]
-        candidates = candidates[cKDTree(band).query(candidates.points)[0] < _BESIDE * cell]
+        candidates = candidates[cKDTree(band).query(candidates.points, workers=-1)[0] < _BESIDE * cell]
 
 
 def _coarsened(candidates: Samples, finest: float, coarsest: float) -> tuple[float, Samples]:

@@ -95,10 +95,10 @@ def _empty(scan: Scan, tree: cKDTree, mesh: Mesh, apart: Array) -> tuple[NDArray
     tree: of the scan's points; apart (n,): how far the neighbours of each of them are.
     """
     centres, (normals, _) = mesh.centroids(), mesh.face_normals()
-    off, at = tree.query(centres)
+    off, at = tree.query(centres, workers=-1)
     turn = _TURN * float(np.median(apart))
     alike = cKDTree(np.hstack([scan.points, turn * scan.normals]))
-    turned, _ = alike.query(np.hstack([centres, turn * normals]))
+    turned, _ = alike.query(np.hstack([centres, turn * normals]), workers=-1)
     return off > _FAR * apart[at], turned > _FAR * apart[at]
 
 

@@ -35,24 +35,30 @@ _TRIED = 36  # seam directions tried beside those of vertices
 
 
 class OpenFace(AssemblyError):
-    """A face that winds around its axis and does not come back."""
+    """Faces that wind around their axes and do not come back."""
 
-    def __init__(self, region: int, sentence: str) -> None:
+    def __init__(self, regions: tuple[int, ...], sentence: str) -> None:
         super().__init__(sentence)
-        self.region = region
+        self.regions = regions
 
 
 def place(draft: Draft) -> Layout:
     """Place every surface; start and cut the edges that wind around one.
 
-    AssemblyError where a face that winds around its axis is open on one side.
+    OpenFace with all faces that wind around their axes and are open on one side.
     """
     turning = [Turning.of(draft, r) for r in range(len(draft.topology.regions))]
     placements: dict[int, Placement] = {}
+    open_: list[OpenFace] = []
     # the seam along the tube of a torus cannot be chosen: those faces come first
     for r in sorted(range(len(turning)), key=lambda r: (not _tube_winds(draft, r), r)):
         turned = turning[r]
-        placements[r] = _flat(draft, r) if turned is None else _turned(draft, r, turned)
+        try:
+            placements[r] = _flat(draft, r) if turned is None else _turned(draft, r, turned)
+        except OpenFace as error:
+            open_.append(error)
+    if open_:
+        raise OpenFace(tuple(r for error in open_ for r in error.regions), str(open_[0]))
     return draft.finished([placements[r] for r in range(len(turning))])
 
 
@@ -97,14 +103,14 @@ def _turned(draft: Draft, region: int, turning: Turning) -> Placement:
 def _pole(draft: Draft, region: int, turning: Turning, turns: Sequence[int]) -> Pole | None:
     """The pole inside a face, told by its rings not cancelling out.
 
-    AssemblyError where there is no pole to close the face.
+    OpenFace where there is no pole to close the face.
     """
     if sum(turns) == 0:
         return None
     primitive = draft.primitive(region)
     up = sum(turns) * draft.fitted[draft.topology.regions[region].primitive].sign > 0
     if not _has_pole(primitive, up):
-        raise OpenFace(region, f"a {primitive.kind} face is open on one side: the face that closes it is missing")
+        raise OpenFace((region,), f"a {primitive.kind} face is open on one side: the face that closes it is missing")
     rings = [k for k, turn in enumerate(turns) if turn]
     if len(rings) > 1:
         return None

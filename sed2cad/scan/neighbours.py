@@ -21,5 +21,5 @@ def search_tree(points: Array) -> cKDTree:
 
 def nearest(points: Array, k: int) -> tuple[Array, NDArray[np.int64]]:
     """Distances (n, k) and indices (n, k) of the k nearest others of each of the points (n, 3), n > k."""
-    distance, index = search_tree(points).query(points, k + 1)
+    distance, index = search_tree(points).query(points, k + 1, workers=-1)
     return distance[:, 1:], index[:, 1:]

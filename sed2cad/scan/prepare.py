@@ -95,7 +95,7 @@ def _outward(points: Array, normals: Array, sixth: Array, whole: bool = False) -
     against = float((votes[strong] < 0).mean())
     if whole or (abs(against - 0.5) > DIVIDED and _disagreement(points, normals) < RANDOM):
         return -normals if against > 0.5 else normals
-    _, near = search_tree(points).query(points, min(REACH, len(points)))
+    _, near = search_tree(points).query(points, min(REACH, len(points)), workers=-1)
     return normals * outward_signs(Tangents(normals, points, near), votes)[:, None]
 
 

@@ -66,10 +66,10 @@ def neighbour_graph(
     place = np.hstack([points, turn * spacing * normals])
     if part is not None:
         place = np.column_stack([place, _FAR * part])
-    near = cKDTree(place).query(place, k=k + 1)[1][:, 1:]
+    near = cKDTree(place).query(place, k=k + 1, workers=-1)[1][:, 1:]
     i = np.repeat(np.arange(len(points)), near.shape[1])
     low, high = np.minimum(i, near.ravel()), np.maximum(i, near.ravel())
-    pairs = np.unique(np.column_stack([low, high])[low != high], axis=0)
+    pairs = np.column_stack(np.divmod(np.unique((low * len(points) + high)[low != high]), len(points)))
     cosine = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
     kept = cosine > FACING if part is None else (cosine > FACING) & (part[pairs[:, 0]] == part[pairs[:, 1]])
     pairs, cosine = pairs[kept], cosine[kept]

@@ -54,7 +54,7 @@ def data_costs(mesh: Mesh, scan: Scan, fitted: Sequence[FittedPatch], labels: La
     centres, (normals, _) = mesh.centroids(), mesh.face_normals()
     named = labels >= 0
     points, names = scan.points[named], labels[named]
-    _, near = cKDTree(points).query(centres, k=min(_NEAR, len(points)))
+    _, near = cKDTree(points).query(centres, k=min(_NEAR, len(points)), workers=-1)
     around = names[near.reshape(len(centres), -1)]
     vertices = _exact_vertices(scan, centres)
     unit = 2 * scan.noise + 0.3 * scan.spacing

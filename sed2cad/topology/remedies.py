@@ -111,7 +111,7 @@ def _plane(mesh: Mesh, own: Labels) -> Plane | None:
 
 def _as_patch(scan: Scan, plane: Plane, centres: np.ndarray) -> FittedPatch:
     """The plane as a patch, with the scan's points about the triangles."""
-    off, _ = cKDTree(centres).query(scan.points)
+    off, _ = cKDTree(centres).query(scan.points, workers=-1)
     indices = np.flatnonzero((off < scan.spacing) & (np.abs(plane.distance(scan.points)) < _FLAT)).astype(np.int64)
     rms = max(scan.noise, 0.1 * scan.spacing)
     patch = Patch(indices, "plane", np.ones(len(indices), dtype=bool))

@@ -10,6 +10,7 @@ import numpy as np
 
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.loose import Loose
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.bridges import bridged_labels
 from sed2cad.topology.caps import Cap, levelled, missing_cap, nearest_centres
@@ -81,20 +82,24 @@ def retraced(
 def _with_caps(
     scan: Scan, fitted: list[FittedPatch], mesh: Mesh, near: Adjacency, costs: Array, labels: Labels
 ) -> Traced:
-    """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone."""
+    """The topology of the labels (f,), with the planes that it takes to close every cylinder and cone of a closed part.
+    """
     topology, region = _topology(mesh, near, labels)
     caps: list[Cap] = []
     nearest = cache(lambda: nearest_centres(scan, mesh))  # most parts lack no cap
-    for _ in topology.regions:
+    is_open = any(isinstance(patch.primitive, Loose) for patch in fitted)
+    for _ in () if is_open else topology.regions:
         cap = missing_cap(scan, nearest, mesh, near, region, topology, [*fitted, *(cap.patch for cap in caps)])
         if cap is None:
             break
-        labels = labels.copy()
+        before, labels = labels, labels.copy()
         labels[cap.triangles] = cap.known if cap.known >= 0 else len(fitted) + len(caps)
         if cap.known < 0:
             caps.append(cap)
             costs = np.column_stack([costs, np.abs(cap.plane.distance(mesh.centroids())) / scan.spacing])
         labels = unpinch(mesh, costs, labels)
+        if np.array_equal(labels, before):  # it cannot be closed
+            break
         topology, region = _topology(mesh, near, labels)
     places = tuple(range(len(fitted), len(fitted) + len(caps)))
     fitted = closable(scan, topology, [*fitted, *levelled(caps, mesh)])

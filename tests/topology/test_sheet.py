@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sed2cad.errors import AssemblyError
 from sed2cad.topology.manifold import euler_number, is_closed_manifold
 from sed2cad.topology.sheet import sheet_of
-from tests.completion.scans import on_a_table
-from tests.topology.scans import Piece, Z, box, rectangle, ring, scan_of, wall
+from tests.completion.scans import on_a_table, seen
+from tests.topology.scans import Piece, Z, box, rectangle, ring, scan_of, sphere, wall
 
 FLAT, RAISED = np.array([0.6, 0.5, 0.0]), np.array([0.6, 0.5, 0.5])
 
@@ -45,3 +46,9 @@ def test_an_edge_is_on_the_front() -> None:
     _, areas = sheet.mesh.face_normals()
     assert areas[front].sum() == pytest.approx(0.7 * 0.5 + 2 * (0.7 + 0.5) * 0.4, rel=0.05)
     assert (sheet.mesh.centroids()[front] @ Z).min() == pytest.approx(-0.2, abs=3 * scan.spacing)
+
+
+def test_through_points_too_far_apart_there_is_none() -> None:
+    scan, fitted = seen(*scan_of(sphere()), np.arange(5000) < 40)
+    with pytest.raises(AssemblyError, match="sheet"):
+        sheet_of(scan, fitted)
