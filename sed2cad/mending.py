@@ -46,6 +46,11 @@ class Mending:
     freeform: dict[int, FittedPatch] = field(default_factory=dict)  # by region
     facets: set[int] = field(default_factory=set)  # or left out
 
+    def __str__(self) -> str:
+        """"1 freeform, 2 faceted"."""
+        smooth, last = len(self.freeform.keys() - self.facets), len(self.facets)
+        return f"{smooth} freeform, {last} {'faceted' if self.nothing is None else 'left out'}"
+
     @property
     def nothing(self) -> int | None:
         """The primitive of what is left out of a shell that is open; None for a solid."""
@@ -169,7 +174,7 @@ def mend(
         if isinstance(verdict, Failure):
             return None, verdict.sentence
         reason = verdict.reason
-        say(f"{len(attempt.freeform)} freeform, {len(attempt.facets)} faceted: {reason or 'closed'} {verdict.blamed}")
+        say(f"{mending}: {reason or 'passed'} {verdict.blamed}")
         if verdict.result is not None and not reason:
             return Mended(verdict.result, attempt), ""
         looked = flawed.looked or mending.nothing is not None
