@@ -108,7 +108,7 @@ class Climb:
 
     @property
     def _passed(self) -> str:
-        return "closed" if self.tracer.unseen is None else "open where the scan ends"
+        return "open where the scan ends" if self.tracer.is_open else "closed"
 
     def _applies(self, rung: Rung) -> bool:
         """Whether a rung may do better than those before it. AssemblyError when there is no topology."""
@@ -118,7 +118,7 @@ class Climb:
     def _tries(self, rung: Rung) -> Iterator[Trial]:
         """What becomes of a rung and, the first time and in time, of a second look at what is to blame in a closed
         part. AssemblyError."""
-        first = not self.trials and self.tracer.unseen is None
+        first = not self.trials and not self.tracer.is_open
         trial = self._attempt(rung)
         yield trial
         if first and trial.blamed and not trial.undrawn and not self._late():
@@ -139,7 +139,7 @@ class Climb:
         self.done("trace", f"{faces} faces, {edges} edges, {len(constraints)} constraints")
         surface = np.vstack([scan.points, traced.proxy.vertices])
         limits = limits_of(scan, self.settings)
-        if self.tracer.unseen is not None:
+        if self.tracer.is_open:
             limits = replace(limits, coverage=_OPEN_COVERAGE)
         options = Options(limits=limits)
         attempt = Attempt(topology, tuple(patches), scan.frame, self.judges, options, surface)
@@ -157,7 +157,7 @@ class Climb:
         """The trial with the fewest faces to blame, those replaced; None where that does not pass either."""
         scan = self.tracer.scan
         hopeful = sorted((t for t in self.trials if t.flaws < math.inf), key=lambda t: t.flaws)
-        hopeful = hopeful[: _MENDED if self.tracer.unseen is None else 1]  # what is left out of a shell ends it at last
+        hopeful = hopeful[: 1 if self.tracer.is_open else _MENDED]  # what is left out of a shell ends it at last
         end = time.perf_counter() + min(self.settings.attempt_seconds * _patience(scan), self._left())
         for trial in hopeful:
             warm_up(2)

@@ -19,7 +19,7 @@ from sed2cad.geometry.necks import without_necks
 from sed2cad.geometry.polygons import Cloud
 from sed2cad.primitives.base import FittedPatch, Patch
 from sed2cad.primitives.bspline_fit import fit_bspline
-from sed2cad.primitives.loose import Loose
+from sed2cad.primitives.loose import loose_among
 from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
 from sed2cad.topology.remedies import remedied
@@ -54,7 +54,7 @@ class Mending:
     @property
     def nothing(self) -> int | None:
         """The primitive of what is left out of a shell that is open; None for a solid."""
-        return next((k for k, patch in enumerate(self.base.fitted) if isinstance(patch.primitive, Loose)), None)
+        return loose_among(self.base.fitted)
 
     def attempt(self) -> Attempt:
         """The attempt with these faces replaced."""

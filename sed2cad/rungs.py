@@ -62,6 +62,11 @@ class Tracer:
     unseen: Labels | None = None  # triangles of the carved proxy on no surface: see `trace`
     with_walls: dict[tuple[Proxy, float], tuple[Topology, list[FittedPatch]]] = field(default_factory=dict)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the part is open where nothing was seen."""
+        return self.unseen is not None
+
     def trace(self, rung: Rung) -> Traced:
         """The topology for a rung. AssemblyError when there is none."""
         if rung.key not in self.traces:
@@ -87,7 +92,7 @@ class Tracer:
 
     def applies(self, rung: Rung) -> bool:
         """Whether a rung differs from those before it. AssemblyError when there is no topology."""
-        if self.unseen is not None and rung.key != LADDER[0].key:
+        if self.is_open and rung.key != LADDER[0].key:
             return False  # a face to blame is left out instead
         if rung.proxy == "thick":
             return has_thin_walls(self.scan)

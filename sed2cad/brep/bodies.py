@@ -22,7 +22,7 @@ class BodyShape:
 
     shape: TopoDS_Shape
     regions: tuple[int, ...]  # of each face, in order
-    cavity: bool = False  # the material is outside
+    cavity: bool  # the material is outside
     is_open: bool = False  # a shell, no solid
 
 

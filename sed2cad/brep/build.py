@@ -78,9 +78,8 @@ def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
     fitted = [widened(patch) for patch in attempt.fitted]
     draft = Draft(realise(topology, fitted, bend), fitted)
     layout = place(draft)
-    unseen = [n for n, face in enumerate(layout.faces) if is_loose(face) and face.region not in attempt.facets]
-    left_out = {layout.faces[n].region for n in unseen}
-    layout = layout.without(unseen)
+    left_out = {face.region for face in layout.faces if is_loose(face)} - attempt.facets.keys()
+    layout = layout.without(left_out)
     hollow = cavities(layout, [region.area for region in topology.regions], attempt.facets)
     bodies = build_bodies(faceted(layout, attempt.facets).in_world(frame))
     best: tuple[int, AssemblyResult, Joined, Checked] | None = None

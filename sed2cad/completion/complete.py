@@ -18,7 +18,7 @@ from sed2cad.completion.caps import Cap, flat_caps
 from sed2cad.completion.cut import on_cheapest
 from sed2cad.completion.extensions import is_sure, samples_in_ball
 from sed2cad.completion.gaps import Gap, find_gaps, joined
-from sed2cad.components import components, linked
+from sed2cad.components import linked
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
@@ -254,9 +254,7 @@ class _Part:
 
 def _without_crumbs(found: Samples, spacing: float) -> Samples:
     """The samples that hang together with some others of their patch: what few of them bridge, needs no bridge."""
-    pairs = cKDTree(found.points).query_pairs(_LINKED * spacing, output_type="ndarray").astype(np.int64)
-    labels = found.labels[:, 0]
-    _, part = components(len(found), pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]])
+    _, part = linked(np.column_stack([found.points, found.labels[:, 0]]), _LINKED * spacing)  # which is far below 1
     return found[np.bincount(part)[part] >= _LEAST]
 
 

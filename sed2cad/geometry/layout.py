@@ -85,8 +85,8 @@ class Layout:
         return Layout(scale * self.vertices + origin, edges, faces, self.open_bodies)
 
     def without(self, left_out: Collection[int]) -> Layout:
-        """The layout without some of its faces, by number: what hangs together of the rest is a body."""
-        faces = [face for n, face in enumerate(self.faces) if n not in left_out]
+        """The layout without the faces of some regions: what hangs together of the rest is a body."""
+        faces = [face for face in self.faces if face.region not in left_out]
         if len(faces) == len(self.faces):
             return self
         uses = [(n, e) for n, face in enumerate(faces) for loop in face.loops for e, _ in loop]

@@ -5,6 +5,7 @@ Every point lies on it and it faces nowhere, so the edges and corners around it 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -41,6 +42,11 @@ class Loose(Primitive):
     @classmethod
     def from_parameters(cls, parameters: dict[str, Any]) -> Self:
         return cls()
+
+
+def loose_among(fitted: Sequence[FittedPatch]) -> int | None:
+    """The first patch without a surface; None where there is none."""
+    return next((k for k, patch in enumerate(fitted) if isinstance(patch.primitive, Loose)), None)
 
 
 def loose_patch() -> FittedPatch:

@@ -142,12 +142,10 @@ def smooth_borders(level: Level, state: State) -> float:
     i, j = pairs[np.diff(state.labels[pairs])[:, 0] != 0].T
     if len(i) == 0:
         return 0.0
-    normals = np.zeros((2, len(i), 3))
-    for k, choice in enumerate(state.primitives):
-        for side, own in enumerate((i, j)):
-            at = state.labels[own] == k
-            normals[side, at] = choice.sign * choice.primitive.normal(level.points[own[at]])
-    return float((np.einsum("ij,ij->i", *normals) > PARALLEL).mean())
+    normals = np.zeros_like(level.points)
+    for members, choice in zip(groups(state.labels), state.primitives):
+        normals[members] = choice.sign * choice.primitive.normal(level.points[members])
+    return float((np.einsum("ij,ij->i", normals[i], normals[j]) > PARALLEL).mean())
 
 
 def _proposals(level: Level, labels: PointLabels | None, seed: int) -> list[Labels]:

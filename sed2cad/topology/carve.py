@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,16 +44,10 @@ class Tetrahedra:
         """The facets (m, 3) across from corners `across` of tetrahedra (m,), facing outwards."""
         return np.take_along_axis(self.corners[tetrahedra], _OPPOSITE[across], axis=1)
 
-    def diameters(self) -> Array:
-        """Lengths (t,) of their longest edges."""
-        pairs = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]).T
-        first, second = (self.points[self.corners[:, ends]] for ends in pairs)
-        return np.asarray(np.linalg.norm(first - second, axis=2).max(axis=1))
-
-    def longest_edges(self, facets: Faces) -> Array:
-        """Lengths (m,)."""
-        corners = self.points[facets]
-        return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
+    def longest_edges(self, cells: NDArray[np.int64]) -> Array:
+        """Lengths (m,) of the longest edges of triangles (m, 3) or tetrahedra (m, 4)."""
+        ends = combinations(self.points[cells].swapaxes(0, 1), 2)
+        return np.asarray(np.max([np.linalg.norm(a - b, axis=1) for a, b in ends], axis=0))
 
 
 def carved(samples: Samples, spacing: float, longest: float = np.inf) -> Mesh:
@@ -63,7 +58,8 @@ def carved(samples: Samples, spacing: float, longest: float = np.inf) -> Mesh:
     """
     tetrahedra = triangulated(samples.points, spacing)
     votes = sample_votes(tetrahedra, samples)
-    votes[tetrahedra.diameters() > longest] = _OUTSIDE
+    if longest < np.inf:
+        votes[tetrahedra.longest_edges(tetrahedra.corners) > longest] = _OUTSIDE
     first, across = np.nonzero(tetrahedra.neighbours > np.arange(len(votes))[:, None])
     pairs = np.column_stack([first, tetrahedra.neighbours[first, across]])
     prices = _facet_prices(tetrahedra, tetrahedra.facets(first, across), samples, spacing)

@@ -48,7 +48,7 @@ def proxy_mesh(scan: Scan, fitted: Sequence[FittedPatch] = ()) -> Mesh:
     best: tuple[float, Mesh] | None = None
     for attempt in _attempts(scan, fitted):
         mesh = attempt()
-        if mesh is None or not is_closed_manifold(mesh.faces) or mesh.volume() <= 0:
+        if mesh is None or not encloses(mesh):
             continue
         quality = proxy_quality(mesh, scan)
         if best is None or quality < best[0] - _CLEARLY:
@@ -58,6 +58,11 @@ def proxy_mesh(scan: Scan, fitted: Sequence[FittedPatch] = ()) -> Mesh:
     if best is None:
         raise AssemblyError("No closed surface could be laid through the points of the scan.")
     return best[1]
+
+
+def encloses(mesh: Mesh) -> bool:
+    """Whether a mesh is closed and its triangles look outwards."""
+    return is_closed_manifold(mesh.faces) and mesh.volume() > 0
 
 
 def proxy_quality(mesh: Mesh, scan: Scan) -> float:
@@ -88,7 +93,7 @@ def smooth_proxy(scan: Scan, fitted: Sequence[FittedPatch]) -> Mesh:
     """
     samples, _ = few_enough(surface_samples(scan, fitted), scan.spacing)
     mesh = poisson(samples.points, samples.normals[:, 0])
-    if mesh is None or not is_closed_manifold(mesh.faces) or mesh.volume() <= 0:
+    if mesh is None or not encloses(mesh):
         raise AssemblyError("No closed surface could be laid through the points of the scan.")
     return mesh
 

@@ -17,9 +17,9 @@ from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.topology.carve import carved
 from sed2cad.topology.edges import surface_samples
-from sed2cad.topology.manifold import is_closed_manifold, nearest_triangles
+from sed2cad.topology.manifold import nearest_triangles
 from sed2cad.topology.mincut import Labels
-from sed2cad.topology.proxy import MOST_SAMPLES, divided, few_enough
+from sed2cad.topology.proxy import MOST_SAMPLES, divided, encloses, few_enough
 from sed2cad.topology.samples import UNLABELLED, Samples
 
 _DEPTH = 3.0  # spacings
@@ -45,7 +45,7 @@ def sheet_of(scan: Scan, fitted: Sequence[FittedPatch]) -> Sheet:
     far = off > _NEAR * _DEPTH * spacing
     back = Samples.within_faces(below[far], np.full(far.sum(), UNLABELLED), -within.normals[far, 0])
     whole = carved(front + back, spacing, _WIDE * _DEPTH * spacing)
-    if not is_closed_manifold(whole.faces) or whole.volume() <= 0:
+    if not encloses(whole):
         raise AssemblyError("no sheet could be laid through the points of the scan")
     of_back = cKDTree(np.vstack([front.points, back.points])).query(whole.vertices)[1] >= len(front)
     mesh = divided(whole, _LONGEST * spacing)

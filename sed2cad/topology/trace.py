@@ -10,7 +10,7 @@ import numpy as np
 
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.base import FittedPatch
-from sed2cad.primitives.loose import Loose
+from sed2cad.primitives.loose import loose_among
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.bridges import bridged_labels
 from sed2cad.topology.caps import Cap, levelled, missing_cap, nearest_centres
@@ -87,8 +87,7 @@ def _with_caps(
     topology, region = _topology(mesh, near, labels)
     caps: list[Cap] = []
     nearest = cache(lambda: nearest_centres(scan, mesh))  # most parts lack no cap
-    is_open = any(isinstance(patch.primitive, Loose) for patch in fitted)
-    for _ in () if is_open else topology.regions:
+    for _ in topology.regions if loose_among(fitted) is None else ():
         cap = missing_cap(scan, nearest, mesh, near, region, topology, [*fitted, *(cap.patch for cap in caps)])
         if cap is None:
             break
