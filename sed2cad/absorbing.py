@@ -41,7 +41,7 @@ def absorbed(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
         own = np.flatnonzero(owner == k)
         around = np.unique(owner[tree.query(scan.points[own], _NEIGHBOURS)[1]])
         hosts = [n for n in around if n >= 0 and sizes[n] > sizes[k]]
-        if not len(own) or not hosts:
+        if not len(own) or not hosts or fitted[k].tied:
             continue
         tolerances = _tolerances(scan, own, fitted[k], angle)
         points, normals = scan.points[own], scan.normals[own]

@@ -48,15 +48,23 @@ class Assembly:
     open_at: tuple[int, ...] = ()  # patches whose faces were left out
 
 
-def assemble(completed: Completed, settings: Settings, done: Done) -> Assembly:
+def first_try(completed: Completed, settings: Settings, done: Done, failures: list[str]) -> Assembly | None:
+    """A solid of exact faces on the first rung; None, with the reasons added to the failures, where there is none."""
+    if completed.one_sided:
+        return None
+    trial = Climb(_tracer(completed), completed.measured, settings, done, failures).first()
+    return None if trial is None else _assembly(trial, failures, () if settings.cap else completed.caps)
+
+
+def assemble(completed: Completed, settings: Settings, done: Done, failures: list[str] | None = None) -> Assembly:
     """The first rung of the ladder that passes the gate, without the caps that nobody asked for; at its end facets.
 
     Where the scan does not show all of the part and no exact solid was found, an open shell of the faces that it shows
     comes before facets, which would only invent the rest, unless a closed solid was asked for. What comes back may be
     open or invalid where even facets fail (its gate says so). AssemblyError when nothing at all could be built.
     """
-    failures: list[str] = []
-    tracer = Tracer(completed.scan, completed.fitted, {"carved": completed.proxy} if completed.proxy else {})
+    failures = [] if failures is None else failures
+    tracer = _tracer(completed)
     seen = None if settings.cap else completed.seen
 
     def closed() -> Assembly | None:
@@ -72,6 +80,11 @@ def assemble(completed: Completed, settings: Settings, done: Done) -> Assembly:
     if not tracer.proxies:
         raise AssemblyError(f"no closed surface could be laid through the scan ({failures[-1]})")
     return _facets(completed, next(iter(tracer.proxies.values())), settings, failures, done)
+
+
+def _tracer(completed: Completed) -> Tracer:
+    """For the rungs."""
+    return Tracer(completed.scan, completed.fitted, {"carved": completed.proxy} if completed.proxy else {})
 
 
 def _assembly(trial: Trial, failures: Sequence[str], left_out: Sequence[int]) -> Assembly:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,28 +83,40 @@ class Climb:
     trials: list[Trial] = field(default_factory=list)
     start: float = field(default_factory=time.perf_counter)
 
+    def first(self) -> Trial | None:
+        """The solid on the first rung, if it passes the gate."""
+        return self._passing(self._rungs[0])
+
     def best(self) -> Trial | None:
         """The first solid that passes the gate; at the end one with faces that cannot be drawn, or None."""
-        for rung in LADDER if self.settings.regularize else RAW_LADDER:
+        for rung in self._rungs:
             if self.tracer.proxies and self._late():
                 self.failures.append(f"{rung.name}: not tried, the time for exact solids was over")
                 break
-            try:
-                if not self._applies(rung):
-                    continue
-                for trial in self._tries(rung):
-                    self.done("assemble", f"{trial.name}: {trial.fault or self._passed}")
-                    if not trial.fault:
-                        return trial
-                    self.failures.append(f"{trial.name}: {trial.fault}")
-                    self.trials.append(trial)
-                    warm_up(2)
-            except AssemblyError as error:
-                self.failures.append(f"{rung.name}: {error}")
-                self.done("assemble", self.failures[-1])
+            if (trial := self._passing(rung)) is not None:
+                return trial
         if not self.tracer.proxies:
             return None
         return self._mended() or min((t for t in self.trials if t.undrawn), key=lambda t: t.undrawn, default=None)
+
+    @property
+    def _rungs(self) -> Sequence[Rung]:
+        return LADDER if self.settings.regularize else RAW_LADDER
+
+    def _passing(self, rung: Rung) -> Trial | None:
+        """What passes the gate on a rung; what does not is kept among the trials."""
+        try:
+            for trial in self._tries(rung) if self._applies(rung) else ():
+                self.done("assemble", f"{trial.name}: {trial.fault or self._passed}")
+                if not trial.fault:
+                    return trial
+                self.failures.append(f"{trial.name}: {trial.fault}")
+                self.trials.append(trial)
+                warm_up(2)
+        except AssemblyError as error:
+            self.failures.append(f"{rung.name}: {error}")
+            self.done("assemble", self.failures[-1])
+        return None
 
     @property
     def _passed(self) -> str:

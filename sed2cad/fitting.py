@@ -27,6 +27,7 @@ from sed2cad.primitives.swept_choice import Explained, swept_instead
 from sed2cad.primitives.tensor_patch import TensorPatch
 from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
+from sed2cad.tying import tied
 
 _MOST_SPLINE_POINTS = 5000  # enough for the most knots
 _INDEPENDENT = 50  # points of a patch that err independently, as far as parameters are concerned
@@ -138,7 +139,7 @@ def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
     asking = [k for k, f in enumerate(fitted) if _asks_normals(scan, f.patch, angle)]
     for k, again in zip(asking, run_each(_fit_patch, [_Case.of(scan, fitted[k].patch, angle) for k in asking])):
         fitted[k] = again
-    return fitted
+    return tied(scan, fitted, angle)
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sed2cad.absorbing import absorbed
-from sed2cad.assembly import assemble
+from sed2cad.assembly import Assembly, assemble, first_try
 from sed2cad.brep.worker import warm_up
-from sed2cad.completion.complete import complete
+from sed2cad.completion.complete import Completed, complete
 from sed2cad.fitting import fit_patches
 from sed2cad.joining import joined
 from sed2cad.model import CadModel
@@ -24,14 +24,14 @@ from sed2cad.scan.prepare import prepare
 from sed2cad.scan.raw import RawScan
 from sed2cad.scan.read import read_scan
 from sed2cad.scan.scan import Scan
-from sed2cad.segmentation.segment import UNEVEN, segment
+from sed2cad.segmentation.segment import UNEVEN, Segmentation, segment
 from sed2cad.settings import Settings
 
 _FARTHEST = 3.0  # deviations of a point that still belongs to a face
 PLURALS = {"torus": "tori"}
 Progress = Callable[[str, str], None]
 """Called as progress(stage, message) when a stage has ended."""
-Segmentation = Callable[[Scan, Settings, "Clock"], tuple[Scan, list[Patch]]]
+Segmenter = Callable[[Scan, Settings, "Clock"], Segmentation]
 """What finds the patches of a prepared scan, and perhaps more noise in it, and tells the clock of its stages."""
 
 
@@ -47,7 +47,7 @@ def reconstruct(
 
 
 def reconstruct_from(
-    segmentation: Segmentation, scan: str | Path | RawScan, settings: Settings, progress: Progress | None = None
+    segmenter: Segmenter, scan: str | Path | RawScan, settings: Settings, progress: Progress | None = None
 ) -> CadModel:
     """`reconstruct` with any source of patches."""
     clock = Clock(progress or (lambda stage, message: None))
@@ -57,12 +57,7 @@ def reconstruct_from(
         raw = read_scan(Path(scan)) if isinstance(scan, (str, Path)) else scan
         prepared = _tolerant(prepare(raw, settings.seed), settings)
         clock.done("scan", f"{len(prepared.points):,} points, noise {prepared.noise * prepared.frame.scale:.2g}")
-        prepared, patches = segmentation(prepared, settings, clock)
-        fitted = joined(prepared, absorbed(prepared, fit_patches(prepared, patches)))
-        clock.done("fit", count_kinds(fitted))
-        completed = complete(prepared, fitted)
-        clock.done("complete", str(completed))
-        assembly = assemble(completed, settings, clock.done)
+        completed, assembly = _solid(segmenter(prepared, settings, clock), settings, clock)
     notes = tuple(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, UserWarning)))
     return CadModel(
         name=raw.name,
@@ -77,13 +72,34 @@ def reconstruct_from(
     )
 
 
+def _solid(found: Segmentation, settings: Settings, clock: Clock) -> tuple[Completed, Assembly]:
+    """The solid of all patches; where none comes of them at once, of those that more than a few points show."""
+    completed, failures = _completed(found.scan, found.patches, clock), list[str]()
+    if found.plainer is not None:
+        assembly = first_try(completed, settings, clock.done, failures)
+        if assembly is not None:
+            return completed, assembly
+        completed = _completed(found.scan, found.plainer, clock)
+        warnings.warn("small faces, which only a few points show, were left out: no solid came of them", stacklevel=2)
+    return completed, assemble(completed, settings, clock.done, failures)
+
+
+def _completed(scan: Scan, patches: Sequence[Patch], clock: Clock) -> Completed:
+    """The patches on surfaces, and the scan without gaps."""
+    fitted = joined(scan, absorbed(scan, fit_patches(scan, patches)))
+    clock.done("fit", count_kinds(fitted))
+    completed = complete(scan, fitted)
+    clock.done("complete", str(completed))
+    return completed
+
+
 def _tolerant(scan: Scan, settings: Settings) -> Scan:
     """The scan with as much noise as the tolerance that the user gives allows for."""
     noise = (settings.tolerance or 0.0) / _FARTHEST / scan.frame.scale
     return replace(scan, noise=max(scan.noise, noise))
 
 
-def by_network(scan: Scan, settings: Settings, clock: Clock) -> tuple[Scan, list[Patch]]:
+def by_network(scan: Scan, settings: Settings, clock: Clock) -> Segmentation:
     """The patches that the network proposes and the refinement settles; the scan with its unevenness as noise."""
     labels = predict(scan.points, scan.normals, Labeller.load(), settings.seed)
     clock.done("network", "types, edges and descriptors of every point")
@@ -92,7 +108,7 @@ def by_network(scan: Scan, settings: Settings, clock: Clock) -> tuple[Scan, list
     if found.scan.noise > scan.noise:
         off = f"{_FARTHEST * found.scan.noise * scan.frame.scale:.2g} {settings.unit}"
         warnings.warn(f"the surface is uneven: points may lie {off} off their faces (or say --tolerance)", stacklevel=2)
-    return found.scan, found.patches
+    return found
 
 
 def count_kinds(fitted: Iterable[FittedPatch]) -> str:

@@ -18,8 +18,8 @@ from sed2cad.evaluation.made_scans import CLEAN, KINDS, TABLE, MadeScan, make_sc
 from sed2cad.evaluation.scores import NAN, peak_memory
 from sed2cad.evaluation.solid_scores import ScoreJob, SolidScore, score_solid
 from sed2cad.files import require_folder
-from sed2cad.primitives.base import Patch
 from sed2cad.scan.scan import Scan
+from sed2cad.segmentation.segment import Segmentation
 from sed2cad.settings import Settings
 from sed2cad.training.dataset import SUFFIXES
 
@@ -159,10 +159,10 @@ def reconstruct_part(job: Job) -> Reconstructed:
     """The pipeline on a scan, with the network's patches or the true ones, up to the STEP file."""
     from sed2cad.pipeline import Clock, by_network, reconstruct_from
 
-    def by_truth(scan: Scan, settings: Settings, clock: Clock) -> tuple[Scan, list[Patch]]:
+    def by_truth(scan: Scan, settings: Settings, clock: Clock) -> Segmentation:
         patches = patches_of(job.made, scan)
         clock.done("segment", f"{len(patches)} true patches")
-        return scan, patches
+        return Segmentation(patches, scan)
 
     start = time.perf_counter()
     model = reconstruct_from(by_truth if job.labels == TRUE else by_network, job.made.raw, Settings(cap=job.cap))

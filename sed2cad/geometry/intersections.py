@@ -13,6 +13,7 @@ import numpy as np
 
 from sed2cad.geometry.curves import Array, Circle, Curve, Ellipse, Line
 from sed2cad.primitives.base import Primitive
+from sed2cad.primitives.coaxial import axis_of
 from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
@@ -158,20 +159,11 @@ def _lies_on(circle: Curve, primitive: Primitive) -> bool:
     return bool(np.abs(primitive.distance(circle.at(np.array([0.0, 2.0, 4.0])))).max() < 100 * _LENGTH)
 
 
-def _axis_of(primitive: Primitive) -> tuple[Array, Array] | None:
-    """A point and the direction of the axis."""
-    if isinstance(primitive, Cylinder):
-        return primitive.point, primitive.axis
-    if isinstance(primitive, Cone):
-        return primitive.apex, primitive.axis
-    return (primitive.centre, primitive.axis) if isinstance(primitive, Torus) else None
-
-
 def _common_axis(a: Primitive, b: Primitive) -> tuple[Array, Array] | None:
     """Point and direction of the axis about which both are surfaces of revolution, were they so."""
-    axis = _axis_of(a) or _axis_of(b)
+    axis = axis_of(a) or axis_of(b)
     if axis is not None:
-        return axis
+        return axis[1], axis[0]
     if isinstance(a, Plane) and isinstance(b, Sphere):
         return b.centre, a.normal_vector
     if isinstance(a, Sphere) and isinstance(b, Sphere):
@@ -191,10 +183,10 @@ def _profile(primitive: Primitive, origin: Array, axis: Array) -> _Profile | Non
     if isinstance(primitive, Sphere):
         height, aside = _along_and_aside(primitive.centre, origin, axis)
         return None if aside > _LENGTH else _Round(np.array([height, 0.0]), primitive.radius)
-    own = _axis_of(primitive)
-    if own is None or np.linalg.norm(np.cross(own[1], axis)) > _ANGLE:
+    own = axis_of(primitive)
+    if own is None or np.linalg.norm(np.cross(own[0], axis)) > _ANGLE:
         return None
-    height, aside = _along_and_aside(own[0], origin, axis)
+    height, aside = _along_and_aside(own[1], origin, axis)
     if aside > _LENGTH:
         return None
     if isinstance(primitive, Cylinder):

@@ -98,3 +98,4 @@ class FittedPatch:
     sign: int  # +1 when the outward normal is the primitive's normal, -1 when it is opposite (a bore)
     rms: float  # of the interior points' distances, unit frame
     covariance: Array  # (freedom, freedom) in the primitive's chart, of the pose if swept; (0, 0) for B-splines
+    tied: bool = False  # to the axis of a patch beside it, as its own points are too few to tell one

@@ -22,6 +22,7 @@ from sed2cad.segmentation.graph import Graph
 from sed2cad.segmentation.level import FLOOR, Level
 from sed2cad.segmentation.linkage import average_linkage, pair_evidence
 from sed2cad.segmentation.mean_shift import mean_shift
+from sed2cad.segmentation.misfits import LEAST, with_misfits
 from sed2cad.segmentation.refine import FEW, FEWEST, State
 from sed2cad.segmentation.settle import settle
 from sed2cad.segmentation.strips import groups
@@ -52,6 +53,7 @@ class Segmentation:
 
     patches: list[Patch]
     scan: Scan  # with their deviation for its noise; a mesh with its points on the surfaces of its vertices
+    plainer: list[Patch] | None = None  # without what a few points show, for want of a solid with it
 
 
 def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float = UNEVEN) -> Segmentation:
@@ -73,23 +75,32 @@ def segment(scan: Scan, labels: PointLabels | None, seed: int = 0, most: float =
         state = level.refiner(tolerances, freeform).improve(state, SHARP_ROUNDS)
     if len(scan.points) > len(level.rows):
         level, state = _closer_look(scan, level, state, tolerances, freeform, seed)
-    kinds, found = settle(level, state, tolerances, noise), state.labels
-    if level.corners is None and noise <= FINEST:
-        found, kinds = with_flats(level.points, level.normals, found, kinds, level.fewest)
-    everyone = spread(level, found, scan.points, scan.normals)
+    kinds = settle(level, state, tolerances, noise)
     edge = labels.edge[labels.nearest] > EDGE if labels is not None else np.zeros(len(scan.points), bool)
-    interior = _inside(scan, everyone) & ~edge
-    patches = [
-        Patch(members, kind, interior[members])
-        for k, kind in enumerate(kinds)
-        if len(members := np.flatnonzero(everyone == k)) >= FEWEST
-    ]
-    scan = replace(scan, noise=noise)
-    corners = Corners.of(scan) if level.corners is not None else None
-    if corners is not None:
+    settled = replace(scan, noise=noise)
+    if level.corners is not None:
+        everyone = spread(level, state.labels, scan.points, scan.normals)
         held = ((np.flatnonzero(everyone == k), c.primitive, c.sign) for k, c in enumerate(state.primitives))
-        scan = on_surfaces(scan, corners, held)
-    return Segmentation(patches, scan)
+        corners = Corners.of(settled)
+        assert corners is not None
+        return Segmentation(_patches(scan, level, state.labels, kinds, edge), on_surfaces(settled, corners, held))
+    if noise > FINEST:
+        return Segmentation(_patches(scan, level, state.labels, kinds, edge), settled)
+    more = with_misfits(level, state, tolerances)
+    kinds_of_more = kinds + [choice.primitive.kind for choice in more.primitives[len(kinds) :]]
+    plainer, patches = (
+        _patches(scan, level, *with_flats(level.points, level.normals, found.labels, names, level.fewest), edge)
+        for found, names in ((state, kinds), (more, kinds_of_more))
+    )
+    return Segmentation(patches, settled, plainer if more is not state else None)
+
+
+def _patches(scan: Scan, level: Level, labels: Labels, kinds: Sequence[str], edge: NDArray[np.bool_]) -> list[Patch]:
+    """Patches of all points of the scan from the labels (m,) of the level's; edge (n,): points that are not inner."""
+    everyone = spread(level, labels, scan.points, scan.normals)
+    interior = _inside(scan, everyone) & ~edge
+    members = [np.flatnonzero(everyone == k) for k in range(len(kinds))]
+    return [Patch(own, kind, interior[own]) for own, kind in zip(members, kinds) if len(own) >= LEAST]
 
 
 def _first_look(

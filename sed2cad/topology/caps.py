@@ -29,6 +29,8 @@ _LEAST_TRIANGLES = 3
 _END = 0.15  # of the length of a face about an axis: what lies there is at its end
 _PARALLEL = 0.9998  # cosine between the normals of caps that may be at one level, at least
 _END_GAP = 3.0  # mean distances of points along a wall: chance leaves more at its end in 5 % of cases
+_LIKELY = 2.0  # times that gap, as far as bores of one radius are likely to be equally deep
+_SAME = 0.05  # of the radius, between radii and axes that are the same
 _ON = 0.15  # spacings: a point so near to a surface lies on it
 _NEAR_APEX = 0.02  # unit frame: a cone's region may end at its apex
 
@@ -39,18 +41,13 @@ Round = Cylinder | Cone | Torus | Revolution | BSplineSurface
 
 @dataclass(frozen=True)
 class Cap:
-    """A plane across the axis at the end of a face."""
+    """A plane across the axis at the end of a face, or a tip like those of other bores."""
 
     patch: FittedPatch
     triangles: Labels
     beyond: int  # which way (1 | -1) along the plane's normal it might lie farther: nobody saw it,
     gap: float  # and by how much: what chance leaves between the last point of the wall and its end
     known: int = -1  # number of the patch, where it is a given one
-
-    @property
-    def plane(self) -> Plane:
-        assert isinstance(self.patch.primitive, Plane)
-        return self.patch.primitive
 
 
 def turns(primitive: Round, region: Region, chains: Sequence[Chain]) -> float:
@@ -105,9 +102,44 @@ def missing_cap(
             if known >= 0:
                 return Cap(fitted[known], triangles, beyond, 0.0, known)
             patch = _as_patch(plane, scan, np.flatnonzero(np.isin(triangle, triangles)))
-            unseen = len(wall) > 0 and len(patch.patch.indices) == 0
-            return Cap(patch, triangles, beyond, _END_GAP * float(np.ptp(wall)) / len(wall) if unseen else 0.0)
+            if len(wall) == 0 or len(patch.patch.indices):
+                return Cap(patch, triangles, beyond, 0.0)
+            gap = _END_GAP * float(np.ptp(wall)) / len(wall)
+            tip = tip_elsewhere(fitted[face.primitive], plane, beyond, gap, fitted)
+            return Cap(patch if tip is None else replace(tip, patch=patch.patch), triangles, beyond, gap)
     return None
+
+
+def tip_elsewhere(
+    bore: FittedPatch, end: Plane, beyond: int, gap: float, fitted: Sequence[FittedPatch]
+) -> FittedPatch | None:
+    """The tip of another bore of the same radius and direction at its place in a bore that ends at or beyond a plane,
+    which way along its normal and how far is given; None where there is none."""
+    wall = bore.primitive
+    if not isinstance(wall, Cylinder):
+        return None
+    out = beyond * end.normal_vector
+    for other in fitted:
+        tip = other.primitive
+        if not isinstance(tip, Cone) or other.sign != bore.sign or tip.axis @ out > -_PARALLEL:
+            continue
+        rim = tip.apex + wall.radius / np.tan(tip.half_angle) * tip.axis
+        if not -gap < beyond * float(end.distance(rim[None])[0]) < _LIKELY * gap:
+            continue
+        if any(_ends_in(other_wall, tip, wall.radius) for other_wall in fitted if other_wall is not bore):
+            height = float((tip.apex - wall.point) @ wall.axis)
+            moved = replace(tip, apex=wall.point + height * wall.axis, axis=-out)
+            return replace(other, primitive=moved)
+    return None
+
+
+def _ends_in(bore: FittedPatch, tip: Cone, radius: float) -> bool:
+    """Whether a bore of some radius has this tip."""
+    wall = bore.primitive
+    if not isinstance(wall, Cylinder) or abs(wall.radius - radius) > _SAME * radius:
+        return False
+    aside = about_axis(tip.apex[None], wall.point, wall.axis)[1][0]
+    return bool(abs(wall.axis @ tip.axis) > _PARALLEL and aside < _SAME * radius)
 
 
 def _beside(near: Adjacency, triangles: Labels, region: Labels, topology: Topology) -> list[int]:
@@ -125,19 +157,23 @@ def _is_tip(scan: Scan, wall: Cylinder | Cone, other: Primitive) -> bool:
 
 
 def levelled(caps: Sequence[Cap], mesh: Mesh) -> list[FittedPatch]:
-    """The patches of caps, those at one level as far as their walls can tell all at that of the deepest."""
-    if not caps:
-        return []
-    centres = np.array([mesh.centroids()[cap.triangles].mean(axis=0) for cap in caps])
-    normals, beyond = np.array([cap.plane.normal_vector for cap in caps]), np.array([cap.beyond for cap in caps])
-    depths = -beyond * np.column_stack([cap.plane.distance(centres) for cap in caps])  # (k, k) at each, of each
+    """The patches of caps, planes at one level as far as their walls can tell all at that of the deepest."""
+    flat = [(k, plane) for k, cap in enumerate(caps) if isinstance(plane := cap.patch.primitive, Plane)]
+    patches = [cap.patch for cap in caps]
+    if not flat:
+        return patches
+    level = [caps[k] for k, _ in flat]
+    centres = np.array([mesh.centroids()[cap.triangles].mean(axis=0) for cap in level])
+    normals, beyond = np.array([plane.normal_vector for _, plane in flat]), np.array([cap.beyond for cap in level])
+    depths = -beyond * np.column_stack([plane.distance(centres) for _, plane in flat])  # (k, k) at each, of each
     deeper = depths - np.diag(depths)[:, None]
-    gaps = np.array([cap.gap for cap in caps])[:, None]
+    gaps = np.array([cap.gap for cap in level])[:, None]
     alike = (normals @ normals.T > _PARALLEL) & (beyond[:, None] == beyond)
-    group = components(len(caps), np.argwhere(alike & (deeper >= 0) & (deeper <= gaps)))[1]
+    group = components(len(level), np.argwhere(alike & (deeper >= 0) & (deeper <= gaps)))[1]
     moves = beyond * np.where(group[:, None] == group, deeper, 0.0).max(axis=1)
-    planes = [Plane(cap.plane.normal_vector, cap.plane.offset + float(by)) for cap, by in zip(caps, moves)]
-    return [replace(cap.patch, primitive=plane) for cap, plane in zip(caps, planes)]
+    for (k, plane), by in zip(flat, moves):
+        patches[k] = replace(caps[k].patch, primitive=Plane(plane.normal_vector, plane.offset + float(by)))
+    return patches
 
 
 def _origin(primitive: Round) -> Array:

@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay
 
 from sed2cad.components import components
 from sed2cad.scan.scan import Array, Mesh
-from sed2cad.topology.manifold import Faces, Index, euler_number, split_fans, twins
+from sed2cad.topology.manifold import Faces, Index, bodies, euler_number, split_fans, twins
 from sed2cad.topology.mincut import min_cut
 from sed2cad.topology.samples import Mask, Samples
 
@@ -73,8 +73,13 @@ def carved(samples: Samples, spacing: float, longest: float = np.inf) -> Mesh:
 
 
 def fewest_handles(meshes: Sequence[Mesh]) -> Mesh:
-    """The mesh of the largest Euler number; of several, the first."""
-    return max(meshes, key=lambda mesh: euler_number(mesh.faces))
+    """The mesh with the fewest handles, of several that with the fewest bodies, then the first; none if it can."""
+
+    def wrong(mesh: Mesh) -> tuple[bool, int, int]:
+        number, _ = bodies(mesh.faces)
+        return number == 0, number - euler_number(mesh.faces) // 2, number
+
+    return min(meshes, key=wrong)
 
 
 def triangulated(points: Array, spacing: float) -> Tetrahedra:

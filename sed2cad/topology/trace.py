@@ -95,7 +95,7 @@ def _with_caps(
         labels[cap.triangles] = cap.known if cap.known >= 0 else len(fitted) + len(caps)
         if cap.known < 0:
             caps.append(cap)
-            costs = np.column_stack([costs, np.abs(cap.plane.distance(mesh.centroids())) / scan.spacing])
+            costs = np.column_stack([costs, np.abs(cap.patch.primitive.distance(mesh.centroids())) / scan.spacing])
         labels = unpinch(mesh, costs, labels)
         if np.array_equal(labels, before):  # it cannot be closed
             break

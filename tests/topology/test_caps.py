@@ -12,7 +12,7 @@ from sed2cad.primitives.cone import Cone
 from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.plane import Plane
 from sed2cad.scan.scan import Mesh, Scan
-from sed2cad.topology.caps import Cap, _in_one, levelled, turns
+from sed2cad.topology.caps import Cap, _in_one, levelled, tip_elsewhere, turns
 from sed2cad.topology.labelling import adjacency
 from sed2cad.topology.model import Chain, Region
 from sed2cad.topology.trace import trace
@@ -53,6 +53,29 @@ def test_floors_that_may_be_at_one_level_are_at_that_of_the_deepest() -> None:
     levels = [patch.primitive.distance(np.zeros((1, 3)))[0] for patch in levelled([*floors, *tops], strip(2, 2)[0])]
     assert levels == pytest.approx([-0.085, -0.085, -0.2, -0.12, -0.11, -0.11])
     assert levelled([], strip(2, 2)[0]) == []
+
+
+def surface(primitive: Cylinder | Cone) -> FittedPatch:
+    """The surface of a bore, without points."""
+    nothing = Patch(np.zeros(0, np.int64), primitive.kind, np.zeros(0, bool))
+    return FittedPatch(nothing, primitive, -1, 0.0, np.eye(primitive.freedom))
+
+
+@pytest.mark.parametrize("end, found", [(0.11, True), (0.095, True), (0.14, False), (0.08, False)])
+def test_a_bore_whose_end_nobody_saw_has_the_tip_of_its_like(end: float, found: bool) -> None:
+    z, radius, half = np.array([0.0, 0, 1]), 0.1, np.radians(59)
+    seen, unseen = Cylinder(z, np.zeros(3), radius), Cylinder(-z, np.array([1.0, 0, 5]), radius * 1.001)
+    tip = Cone(z, np.array([0, 0, 0.1 - radius / np.tan(half)]), half)  # the seen bore ends at 0.1
+    bores = [surface(seen), surface(tip), surface(unseen)]
+    assert tip_elsewhere(bores[2], Plane(z, end), -1, 0.01, bores[::2]) is None
+    other = surface(Cylinder(z, np.zeros(3), 1.5 * radius))
+    assert tip_elsewhere(bores[2], Plane(z, end), -1, 0.01, [other, *bores[1:]]) is None
+    like = tip_elsewhere(bores[2], Plane(z, end), -1, 0.01, bores)
+    assert (like is not None) == found
+    if like is not None:
+        assert isinstance(like.primitive, Cone) and like.sign == -1
+        assert like.primitive.apex == pytest.approx(tip.apex + np.array([1.0, 0, 0]))
+        assert like.primitive.axis == pytest.approx(z) and like.primitive.half_angle == half
 
 
 def test_a_fillet_is_not_open_however_its_border_jumps() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sed2cad.scan.scan import Mesh
+from sed2cad.topology.carve import fewest_handles
 from sed2cad.topology.faceted import decimate
 from sed2cad.topology.manifold import (
     euler_number,
@@ -82,6 +83,19 @@ def test_without_patches_the_proxy_is_poisson():
     mesh = proxy_mesh(scan)
     assert is_closed_manifold(mesh.faces) and euler_number(mesh.faces) == 0
     assert proxy_quality(mesh, scan) < 0.05
+
+
+def test_of_several_proxies_the_one_with_the_fewest_handles_then_bodies_is_taken():
+    def torn(count: int) -> Mesh:
+        faces = np.vstack([TETRAHEDRON + 4 * k for k in range(count)])
+        return Mesh(np.tile(np.eye(4, 3), (count, 1)), faces)
+
+    scan, fitted = scans.scan_of(scans.torus(), 1500)
+    ring, empty = proxy_mesh(scan, fitted), Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+    one, three = torn(1), torn(3)
+    assert fewest_handles([empty, ring, three, one]) is one
+    assert fewest_handles([empty, ring, three]) is three  # cut-off bodies do not outweigh a handle
+    assert fewest_handles([empty, ring]) is ring
 
 
 def test_quality_sees_what_is_missing():

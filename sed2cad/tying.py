@@ -1,0 +1,76 @@
+"""Patches of a few points that tell no surface alone: about the axis of a patch beside them they do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sed2cad.primitives.base import Array, FittedPatch, Primitive
+from sed2cad.primitives.coaxial import NUMBERS, axis_of, coaxial
+from sed2cad.primitives.oriented_fit import directions, facing
+from sed2cad.primitives.refine import uncertainty
+from sed2cad.primitives.registry import primitive_class
+from sed2cad.primitives.robust_fit import FINEST, UNSEEN
+from sed2cad.primitives.vectors import root_mean_square
+from sed2cad.scan.scan import Scan
+
+_TOLD = 3  # numbers that a point tells with its normal
+_ENOUGH = 2.0  # numbers told for each one asked, from which on a fit is left alone
+_BESIDE = 12  # nearest points that tell the patches beside
+_TURNED = 0.12  # radians: deviation of normals that are not worse than those of a coarse tessellation
+_ALLOWED = 9.0  # chi^2 of each point and its normal, at most on average
+
+
+def tied(scan: Scan, fitted: Sequence[FittedPatch], angle: float) -> list[FittedPatch]:
+    """The patches in order, those with too few points on the best surface of their kind about an axis beside them.
+
+    angle: deviation of the scan's normals, radians; infinite where it is not known: then nothing is tied in a noisy
+    scan, where they may bend towards the borders of a patch.
+    """
+    few = [k for k, patch in enumerate(fitted) if _is_open(patch)]
+    if not few or (np.isinf(angle) and scan.noise > FINEST):
+        return list(fitted)
+    angle = min(angle, _TURNED)
+    owner = np.full(len(scan.points), -1)
+    for k, patch in enumerate(fitted):
+        owner[patch.patch.indices] = k
+    tree, noise = cKDTree(scan.points), max(scan.noise, UNSEEN)
+    out = list(fitted)
+    for k in few:
+        points, normals = scan.points[fitted[k].patch.indices], scan.normals[fitted[k].patch.indices]
+        beside = np.setdiff1d(owner[tree.query(points, min(_BESIDE, len(owner)))[1]], [-1, *few])
+        axes = [axis for n in beside if (axis := axis_of(fitted[n].primitive)) is not None]
+        trials = [coaxial(fitted[k].patch.kind, *axis, points, normals) for axis in axes]
+        found = min(
+            ((_misfit(trial, points, normals, noise, angle), i) for i, trial in enumerate(trials) if trial is not None),
+            default=None,
+        )
+        if found is not None and found[0] < _ALLOWED * len(points):
+            out[k] = _about(fitted[k], trials[found[1]], points, normals, noise, angle)
+    return out
+
+
+def _is_open(patch: FittedPatch) -> bool:
+    """Whether its points tell too few numbers for its kind."""
+    kind = patch.patch.kind
+    return kind in NUMBERS and _TOLD * len(patch.patch.indices) < _ENOUGH * primitive_class(kind).freedom
+
+
+def _misfit(primitive: Primitive, points: Array, normals: Array, noise: float, angle: float) -> float:
+    """chi^2 of points (n, 3) and their normals."""
+    turned = facing(primitive, points, normals) - primitive.normal(points)
+    return float(((primitive.distance(points) / noise) ** 2).sum() + (turned**2).sum() / angle**2)
+
+
+def _about(
+    patch: FittedPatch, surface: Primitive | None, points: Array, normals: Array, noise: float, angle: float
+) -> FittedPatch:
+    """The patch on a surface about an axis, and what its points say of all of its numbers."""
+    assert surface is not None
+    told = uncertainty(surface, points, noise, directions(surface, points, normals, noise, angle))
+    rms = root_mean_square(surface.distance(points))
+    sign = surface.side(points, normals)
+    return replace(patch, primitive=surface, sign=sign, rms=rms, covariance=told.covariance, tied=True)
