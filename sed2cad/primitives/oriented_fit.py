@@ -14,7 +14,7 @@ from sed2cad.primitives.registry import primitive_class
 from sed2cad.primitives.robust_fit import FINEST, thinned
 from sed2cad.primitives.starts import starts
 
-_POINTS = 300  # of a patch that normals can help
+_POINTS = 300  # of a patch, to compare guesses by
 _STEPS = 30
 _GUESSES = 3  # that are refined
 _OUTLIER = 12.0  # chi^2 of a point that belongs elsewhere
@@ -86,14 +86,17 @@ def oriented_fit(
     """
     if points_know_better(points, noise, angle) or 3 * len(points) < primitive_class(kind).freedom:
         return found
-    noise, points, normals = max(noise, FINEST), *thinned(points, normals, _POINTS)
-    guesses = sorted(starts(kind, points, normals), key=lambda guess: _misfit(guess, points, normals, noise, angle))
+    noise, few = max(noise, FINEST), thinned(points, normals, _POINTS)
+    guesses = sorted(starts(kind, *few), key=lambda guess: _misfit(guess, *few, noise, angle))
     guesses = [*([] if found is None else [found]), *guesses[:_GUESSES]]
-    trials = [
-        refine(guess, points, noise, _STEPS, directions=directions(guess, points, normals, noise, angle))
-        for guess in guesses
-    ]
-    return min(trials, key=lambda trial: _misfit(trial, points, normals, noise, angle), default=None)
+    trials = [_refined(guess, *few, noise, angle) for guess in guesses]
+    best = min(trials, key=lambda trial: _misfit(trial, *few, noise, angle), default=None)
+    return best if best is None or len(points) == len(few[0]) else _refined(best, points, normals, noise, angle)
+
+
+def _refined(guess: Primitive, points: Array, normals: Array, noise: float, angle: float) -> Primitive:
+    """The guess moved downhill on the distances of points (n, 3) and the angles of their normals."""
+    return refine(guess, points, noise, _STEPS, directions=directions(guess, points, normals, noise, angle))
 
 
 def _misfit(primitive: Primitive, points: Array, normals: Array, noise: float, angle: float) -> float:
