@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,16 +85,20 @@ def piece(
 
     Few of them are no better than the noise of the whole scan. `likeness` is the correlation of the errors of
     neighbours: as far as they err together many say no more than _INDEPENDENT do. And whatever they say, all of them
-    may be off by what nobody sees, which is three deviations.
+    may be off by what nobody sees, which is three deviations. Of more than _MOST_POINTS some stand for all, and say
+    what all do: that the primitive is right.
     """
-    primitive = centred(primitive, points)
+    primitive, count = centred(primitive, points), len(points)
     points, normals = thinned(points, normals, _MOST_POINTS)
     said = directions(primitive, points, normals, noise, angle)
     fit = uncertainty(primitive, points, noise, said)
     sigma = max(fit.sigma, _LEAST_SIGMA, noise if len(points) < _INDEPENDENT else 0.0)
     weights = tukey_weights(primitive.distance(points), noise, primitive.freedom) / sigma**2
+    if count > len(points):
+        points = primitive.project(points)
+        said = said and replace(said, normals=primitive.normal(points))
     evidence = Evidence(points, weights, None if said is None else _turns(primitive, points, said))
-    together = 1 + likeness * max(0.0, len(points) / _INDEPENDENT - 1)
+    together = (1 + likeness * max(0.0, count / _INDEPENDENT - 1)) * len(points) / count
     systematic = len(points) * (UNSEEN / 3) ** 2
     return Piece(primitive, evidence, fit.covariance * (sigma**2 * together + systematic) / fit.sigma**2)
 

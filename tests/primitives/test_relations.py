@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sed2cad.fitting import fit
 from sed2cad.primitives import solve_relations
 from sed2cad.primitives.base import Primitive
 from sed2cad.primitives.cone import Cone
@@ -201,3 +202,24 @@ def test_half_a_turn_leaves_a_plane_on_its_points(monkeypatch: pytest.MonkeyPatc
     turned = satisfy({k: entry.primitive for k, entry in pieces.items()}, [relation], evidence)[1]
     assert 0.1 < np.arccos(placement(turned)[2]) < 0.19
     assert np.abs(turned.distance(strip.mean(axis=0)[None])) < 0.01
+
+
+@pytest.mark.parametrize("angle", [0.05, np.inf])
+def test_what_many_points_told_is_kept_where_relations_leave_it_open(angle: float) -> None:
+    """Some points stand for all of them; their own best fit is another one."""
+    rng = np.random.default_rng(0)
+    sample = cylinder_patch(rng, 20_000)
+    points = sample.points + 0.003 * rng.standard_normal((20_000, 1)) * sample.normals
+    normals = unit(sample.normals + 0.05 * rng.normal(size=(20_000, 3)))
+    fitted = fit("cylinder", points, normals, 0.003, angle)
+    assert fitted is not None and isinstance(fitted[0], Cylinder)
+    ground = Plane(Z, 0.0)
+    pieces = {
+        0: piece(fitted[0], points, normals, 0.003, angle),
+        1: piece(ground, plane_patch(rng, 400).points, np.tile(Z, (400, 1)), 0.003, angle),
+    }
+    settled, kept = settle(pieces, [Relation("parallel", (1, 0), EQUATIONS["parallel"])])
+    assert len(kept) == 1
+    assert placement(settled[0].primitive)[6] == pytest.approx(fitted[0].radius, abs=0.003 / np.sqrt(20_000) / 5)
+    alone = piece(fitted[0], points, normals, 0.003, angle, likeness=0.0)
+    assert 0.003 / np.sqrt(20_000) < alone.spread(slice(4, 5)) < 5e-5  # what nobody sees allowed for
