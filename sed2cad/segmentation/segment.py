@@ -18,7 +18,7 @@ from sed2cad.scan.scan import Scan
 from sed2cad.segmentation.corners import Corners, on_surfaces
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances
 from sed2cad.segmentation.flats import with_flats
-from sed2cad.segmentation.graph import Graph
+from sed2cad.segmentation.graph import FACING, Graph
 from sed2cad.segmentation.level import FLOOR, Level
 from sed2cad.segmentation.linkage import average_linkage, pair_evidence
 from sed2cad.segmentation.mean_shift import mean_shift
@@ -218,6 +218,8 @@ def _large(labels: Labels) -> Labels:
 
 
 def _inside(scan: Scan, labels: Labels, k: int = 6) -> NDArray[np.bool_]:
-    """Points whose nearest neighbours all lie on the same patch."""
+    """Points whose nearest neighbours all lie on the same patch, but for those on the other side of a wall: noise takes
+    some points of a thin one nearer to them, and the others alone would be a biased sample."""
     near = cKDTree(scan.points).query(scan.points, k=k, workers=-1)[1]
-    return np.asarray((labels[near] == labels[:, None]).all(axis=1))
+    facing = np.einsum("ij,ikj->ik", scan.normals, scan.normals[near]) < FACING
+    return np.asarray(((labels[near] == labels[:, None]) | facing).all(axis=1))

@@ -150,6 +150,18 @@ def test_interior_points_keep_off_the_edges() -> None:
         assert 0 < len(inner) < len(patch.indices)
 
 
+def test_interior_points_of_a_thin_wall_are_no_biased_sample() -> None:
+    """Noise takes points of one side nearer to the other side's: they still are inner ones."""
+    points, normals, _ = box((0.7, 0.7, 0.02), 6000)
+    off = 0.004 * np.random.default_rng(2).standard_normal(len(points))
+    patches = segment(scan_of(points + off[:, None] * normals, normals, 0.004), None).patches
+    sides = [patch for patch in patches if len(patch.indices) > 2000]
+    assert len(sides) == 2
+    for side in sides:
+        inner = side.indices[side.interior]
+        assert abs(off[inner].mean()) < 4 * 0.004 / np.sqrt(len(inner))
+
+
 def test_mean_field_finds_the_least_energy_of_a_line() -> None:
     """Twelve points on a line, one with a wrong opinion: the neighbours overrule it, the border stays."""
     points = np.column_stack([np.arange(12.0), np.zeros(12), np.zeros(12)])
