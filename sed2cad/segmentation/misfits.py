@@ -91,8 +91,8 @@ class _Finder:
         for members in self._together():
             yield from self._best(self._free(members), members)
         for label, choice in enumerate(self.state.primitives):
-            axis, members = axis_of(choice.primitive), self._beside(label)
-            if axis is not None and len(members) >= LEAST:
+            axis = axis_of(choice.primitive)
+            if axis is not None and len(members := self._beside(label)) >= LEAST:
                 yield from self._best(self._about(axis, members), members)
 
     @cached_property
