@@ -33,23 +33,20 @@ def tied(scan: Scan, fitted: Sequence[FittedPatch], angle: float) -> list[Fitted
     few = [k for k, patch in enumerate(fitted) if _is_open(patch)]
     if not few or (np.isinf(angle) and scan.noise > FINEST):
         return list(fitted)
-    angle = min(angle, _TURNED)
     owner = np.full(len(scan.points), -1)
     for k, patch in enumerate(fitted):
         owner[patch.patch.indices] = k
-    tree, noise = cKDTree(scan.points), max(scan.noise, UNSEEN)
+    angle, noise, tree = min(angle, _TURNED), max(scan.noise, UNSEEN), cKDTree(scan.points)
     out = list(fitted)
     for k in few:
         points, normals = scan.points[fitted[k].patch.indices], scan.normals[fitted[k].patch.indices]
         beside = np.setdiff1d(owner[tree.query(points, min(_BESIDE, len(owner)))[1]], [-1, *few])
         axes = [axis for n in beside if (axis := axis_of(fitted[n].primitive)) is not None]
-        trials = [coaxial(fitted[k].patch.kind, *axis, points, normals) for axis in axes]
-        found = min(
-            ((_misfit(trial, points, normals, noise, angle), i) for i, trial in enumerate(trials) if trial is not None),
-            default=None,
-        )
-        if found is not None and found[0] < _ALLOWED * len(points):
-            out[k] = _about(fitted[k], trials[found[1]], points, normals, noise, angle)
+        about = [coaxial(fitted[k].patch.kind, *axis, points, normals) for axis in axes]
+        rated = [(_misfit(surface, points, normals, noise, angle), surface) for surface in about if surface is not None]
+        misfit, surface = min(rated, key=lambda pair: pair[0], default=(np.inf, None))
+        if surface is not None and misfit < _ALLOWED * len(points):
+            out[k] = _on(surface, fitted[k], points, normals, noise, angle)
     return out
 
 
@@ -65,11 +62,10 @@ def _misfit(primitive: Primitive, points: Array, normals: Array, noise: float, a
     return float(((primitive.distance(points) / noise) ** 2).sum() + (turned**2).sum() / angle**2)
 
 
-def _about(
-    patch: FittedPatch, surface: Primitive | None, points: Array, normals: Array, noise: float, angle: float
+def _on(
+    surface: Primitive, patch: FittedPatch, points: Array, normals: Array, noise: float, angle: float
 ) -> FittedPatch:
-    """The patch on a surface about an axis, and what its points say of all of its numbers."""
-    assert surface is not None
+    """The patch on a surface about an axis, and what its points say of all numbers of that."""
     told = uncertainty(surface, points, noise, directions(surface, points, normals, noise, angle))
     rms = root_mean_square(surface.distance(points))
     sign = surface.side(points, normals)
