@@ -130,7 +130,7 @@ def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
     """Every patch with its primitive, in order (paper, eq. 7: without edge points, except for B-splines).
 
     Where the patch's kind cannot be fitted, another one is chosen; at worst a plane. A freeform patch that a profile
-    sweeps becomes an extrusion or a surface of revolution.
+    sweeps becomes an extrusion or a surface of revolution; one of too few points is tied to an axis beside it.
     """
     fitted = run_each(_fit_patch, [_Case.of(scan, patch) for patch in patches])
     angle = angle_noise(scan, fitted)
