@@ -53,7 +53,13 @@ def first_try(completed: Completed, settings: Settings, done: Done, failures: li
     if completed.one_sided:
         return None
     trial = Climb(_tracer(completed), completed.measured, settings, done, failures).first()
-    return None if trial is None else _assembly(trial, failures, () if settings.cap else completed.caps)
+    if trial is None:
+        return None
+    try:
+        return _assembly(trial, failures, () if settings.cap else completed.caps)
+    except AssemblyError as error:
+        failures.append(f"{trial.name}: {error}")
+        return None
 
 
 def assemble(completed: Completed, settings: Settings, done: Done, failures: list[str] | None = None) -> Assembly:

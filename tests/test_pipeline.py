@@ -13,8 +13,14 @@ import pytest
 
 import sed2cad
 from sed2cad import CadModel
+from sed2cad.climbing import Climb
 from sed2cad.errors import AssemblyError, UsageError
+from sed2cad.pipeline import Clock, reconstruct_from
+from sed2cad.primitives.base import Patch
 from sed2cad.scan.raw import RawScan
+from sed2cad.scan.scan import Scan
+from sed2cad.segmentation.segment import Segmentation
+from sed2cad.settings import Settings
 from tests.parts import DATA, bracket
 from tests.segmentation.shapes import box
 
@@ -150,3 +156,22 @@ def test_the_tolerance_makes_a_lumpy_box_a_box() -> None:
     model = sed2cad.reconstruct(RawScan(lumpy, normals, name="lumpy"), sed2cad.Settings(tolerance=2.0))
     assert sorted(model.face_names) == [f"plane_{n}" for n in range(1, 7)]
     assert model.report.volume == pytest.approx(4e5, rel=0.02)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_small_faces_that_make_no_solid_are_left_out_and_that_is_told(
+    monkeypatch: pytest.MonkeyPatch, fails: bool
+) -> None:
+    points, normals, _ = box((0.7, 0.5, 0.3), 3000)
+
+    def segmenter(scan: Scan, settings: Settings, clock: Clock) -> Segmentation:
+        side = np.argmax(scan.normals @ np.vstack([np.eye(3), -np.eye(3)]).T, axis=1)
+        planes = [Patch(own := np.flatnonzero(side == k), "plane", np.ones(len(own), bool)) for k in range(6)]
+        return Segmentation(planes, scan, list(planes))
+
+    if fails:
+        monkeypatch.setattr(Climb, "first", lambda climb: climb.failures.append("exact: crossed"))
+    model = reconstruct_from(segmenter, RawScan(points, normals, name="box"), Settings())
+    assert model.report.closed and model.report.exact_faces == model.report.faces == 6
+    assert any("small faces" in note for note in model.report.warnings) == fails
+    assert model.report.reason == ("exact: crossed" if fails else "")
