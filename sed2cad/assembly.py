@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -62,19 +63,27 @@ def first_try(completed: Completed, settings: Settings, done: Done, failures: li
         return None
 
 
-def assemble(completed: Completed, settings: Settings, done: Done, failures: list[str] | None = None) -> Assembly:
+def assemble(
+    completed: Completed,
+    settings: Settings,
+    done: Done,
+    failures: list[str] | None = None,
+    since: float | None = None,
+) -> Assembly:
     """The first rung of the ladder that passes the gate, without the caps that nobody asked for; at its end facets.
 
     Where the scan does not show all of the part and no exact solid was found, an open shell of the faces that it shows
     comes before facets, which would only invent the rest, unless a closed solid was asked for. What comes back may be
     open or invalid where even facets fail (its gate says so). AssemblyError when nothing at all could be built.
+    since: when the time for exact solids began (time.perf_counter), where that was earlier.
     """
     failures = [] if failures is None else failures
     tracer = _tracer(completed)
     seen = None if settings.cap else completed.seen
 
     def closed() -> Assembly | None:
-        trial = Climb(tracer, completed.measured, settings, done, failures).best()
+        start = time.perf_counter() if since is None else since
+        trial = Climb(tracer, completed.measured, settings, done, failures, start=start).best()
         return None if trial is None else _assembly(trial, failures, () if settings.cap else completed.caps)
 
     ways = [closed]

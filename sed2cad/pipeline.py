@@ -75,13 +75,15 @@ def reconstruct_from(
 def _solid(found: Segmentation, settings: Settings, clock: Clock) -> tuple[Completed, Assembly]:
     """The solid of all patches; where none comes of them at once, of those that more than a few points show."""
     completed, failures = _completed(found.scan, found.patches, clock), list[str]()
+    since: float | None = None
     if found.plainer is not None:
+        since = time.perf_counter()
         assembly = first_try(completed, settings, clock.done, failures)
         if assembly is not None:
             return completed, assembly
         completed = _completed(found.scan, found.plainer, clock)
         warnings.warn("small faces, which only a few points show, were left out: no solid came of them", stacklevel=2)
-    return completed, assemble(completed, settings, clock.done, failures)
+    return completed, assemble(completed, settings, clock.done, failures, since)
 
 
 def _completed(scan: Scan, patches: Sequence[Patch], clock: Clock) -> Completed:
