@@ -1,4 +1,4 @@
-"""The ladder of exact solids: every rung is one attempt in a child process with a time limit.
+"""The ladder of exact solids: every rung is one attempt in a child process with a time limit, two at a time.
 
 The first whose solid passes the gate is taken; where none does, the faces to blame are replaced.
 """
@@ -7,18 +7,22 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
-from sed2cad.brep.attempt import AssemblyResult, Attempt, Limits, Options
+from sed2cad.brep.attempt import AssemblyResult, Attempt, Limits, Options, Verdict
+from sed2cad.brep.beside import Crew
 from sed2cad.brep.jobs import judge
-from sed2cad.brep.worker import Failure, run_isolated, warm_up
+from sed2cad.brep.worker import Failure, warm_up
 from sed2cad.constraints import Constraint
 from sed2cad.errors import AssemblyError
 from sed2cad.geometry.necks import without_necks
-from sed2cad.mending import Flawed, looked_again, mend
+from sed2cad.mending import Flawed, Mended, looked_again, mend
 from sed2cad.regularize import regularize
 from sed2cad.rungs import LADDER, RAW_LADDER, UNREGULARISED, Rung, Tracer
 from sed2cad.scan.scan import Array, Scan
@@ -27,7 +31,7 @@ from sed2cad.settings import Settings
 Done = Callable[[str, str], None]
 
 MENDED = "mended"
-_MENDED = 2  # trials that are tried to be mended, those with the fewest faces to blame
+_BESIDE = 2  # trials at a time; so many, those with the fewest faces to blame, are tried to be mended
 _LEAST_SECONDS = 12.0  # of an attempt, and of mending, however late
 _OPEN_COVERAGE = 0.8  # share of the points that must be explained by an open shell: faces may be missing
 _APART = 4.0  # spacings: so far from the next point lie some places on the surface of a random scan
@@ -71,6 +75,31 @@ class Trial:
         return 0 if isinstance(self.outcome, Failure) else self.outcome.gate.undrawn
 
 
+@dataclass(frozen=True)
+class _Prepared:
+    """What the kernel can try."""
+
+    flawed: Flawed
+    constraints: tuple[Constraint, ...]
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """What the kernel is at work on."""
+
+    name: str
+    prepared: _Prepared
+    verdict: Future[Verdict | Failure]
+
+    def ended(self) -> Trial:
+        """What becomes of it; waits for that."""
+        verdict, flawed, constraints = self.verdict.result(), self.prepared.flawed, self.prepared.constraints
+        if isinstance(verdict, Failure):
+            return Trial(self.name, flawed, verdict, constraints)
+        outcome = verdict.result or Failure("error", verdict.reason)
+        return Trial(self.name, replace(flawed, verdict=verdict), outcome, constraints)
+
+
 @dataclass
 class Climb:
     """One way up the ladder. Its time begins with it."""
@@ -85,61 +114,72 @@ class Climb:
 
     def first(self) -> Trial | None:
         """The solid on the first rung, if it passes the gate."""
-        return self._passing(self._rungs[0])
+        return self._passing(self._rungs[:1])
 
     def best(self) -> Trial | None:
         """The first solid that passes the gate; at the end one with faces that cannot be drawn, or None."""
-        for rung in self._rungs:
-            if self.tracer.proxies and self._late():
-                self.failures.append(f"{rung.name}: not tried, the time for exact solids was over")
-                break
-            if (trial := self._passing(rung)) is not None:
-                return trial
-        if not self.tracer.proxies:
-            return None
+        found = self._passing(self._rungs)
+        if found is not None or not self.tracer.proxies:
+            return found
         return self._mended() or min((t for t in self.trials if t.undrawn), key=lambda t: t.undrawn, default=None)
 
     @property
     def _rungs(self) -> Sequence[Rung]:
         return LADDER if self.settings.regularize else RAW_LADDER
 
-    def _passing(self, rung: Rung) -> Trial | None:
-        """What passes the gate on a rung; what does not is kept among the trials."""
-        try:
-            for trial in self._tries(rung) if self._applies(rung) else ():
+    def _passing(self, rungs: Sequence[Rung]) -> Trial | None:
+        """What passes the gate first; what does not is kept among the trials."""
+        with Crew(_BESIDE) as crew:
+            for trial in self._tries(rungs, crew):
                 self.done("assemble", f"{trial.name}: {trial.fault or self._passed}")
                 if not trial.fault:
                     return trial
                 self.failures.append(f"{trial.name}: {trial.fault}")
                 self.trials.append(trial)
-                warm_up(2)
-        except AssemblyError as error:
-            self.failures.append(f"{rung.name}: {error}")
-            self.done("assemble", self.failures[-1])
+                warm_up(_BESIDE)
         return None
 
     @property
     def _passed(self) -> str:
         return "open where the scan ends" if self.tracer.is_open else "closed"
 
-    def _applies(self, rung: Rung) -> bool:
-        """Whether a rung may do better than those before it. AssemblyError when there is no topology."""
+    def _tries(self, rungs: Sequence[Rung], crew: Crew) -> Iterator[Trial]:
+        """What becomes of the rungs, in order, and of a second look at what is to blame on the first of them.
+
+        That one is tried alone, as it mostly passes; from then on the next is made ready while the kernel is at work.
+        """
+        begun: deque[_Begun] = deque()
+        for rung in rungs:
+            if self.tracer.proxies and self._late():
+                self.failures.append(f"{rung.name}: not tried, the time for exact solids was over")
+                break
+            begun += self._begun(rung.name, partial(self._attempt, rung), crew)
+            while len(begun) >= (_BESIDE if self.trials else 1):
+                trial = begun.popleft().ended()
+                yield trial
+                if len(self.trials) == 1:
+                    begun += self._begun(f"{trial.name}, second look", partial(self._second_look, trial), crew)
+        while begun:
+            yield begun.popleft().ended()
+
+    def _begun(self, name: str, prepared: Callable[[], _Prepared | None], crew: Crew) -> list[_Begun]:
+        """The kernel at work on what was prepared; nothing where there is nothing to try."""
+        try:
+            ready = prepared()
+        except AssemblyError as error:
+            self.failures.append(f"{name}: {error}")
+            self.done("assemble", self.failures[-1])
+            return []
+        if ready is None:
+            return []
+        attempt, seconds = ready.flawed.attempt, min(self.settings.attempt_seconds, self._left())
+        return [_Begun(name, ready, crew.begin(lambda: crew.run(judge, attempt, seconds)))]
+
+    def _attempt(self, rung: Rung) -> _Prepared | None:
+        """One rung; None where it would do no better than those before it. AssemblyError."""
         hopeless = rung.name == UNREGULARISED and self.trials and self.trials[0].impossible
-        return self.tracer.applies(rung) and not hopeless
-
-    def _tries(self, rung: Rung) -> Iterator[Trial]:
-        """What becomes of a rung and, the first time and in time, of a second look at what is to blame in a closed
-        part. AssemblyError."""
-        first = not self.trials and not self.tracer.is_open
-        trial = self._attempt(rung)
-        yield trial
-        if first and trial.blamed and not trial.undrawn and not self._late():
-            again = looked_again(self.tracer.scan, trial.flawed, trial.blamed)
-            if again is not None:
-                yield self._tried(f"{trial.name}, second look", again, trial.constraints)
-
-    def _attempt(self, rung: Rung) -> Trial:
-        """One rung."""
+        if hopeless or not self.tracer.applies(rung):
+            return None
         scan, traced = self.tracer.scan, self.tracer.trace(rung)
         topology, patches = self.tracer.walled(rung)
         constraints: list[Constraint] = []
@@ -155,40 +195,42 @@ class Climb:
             limits = replace(limits, coverage=_OPEN_COVERAGE)
         options = Options(limits=limits)
         attempt = Attempt(topology, tuple(patches), scan.frame, self.judges, options, surface)
-        return self._tried(rung.name, Flawed(attempt, traced), tuple(constraints))
+        return _Prepared(Flawed(attempt, traced), tuple(constraints))
 
-    def _tried(self, name: str, flawed: Flawed, constraints: tuple[Constraint, ...]) -> Trial:
-        """What the kernel makes of an attempt."""
-        verdict = run_isolated(judge, flawed.attempt, min(self.settings.attempt_seconds, self._left()))
-        if isinstance(verdict, Failure):
-            return Trial(name, flawed, verdict, constraints)
-        outcome = verdict.result or Failure("error", verdict.reason)
-        return Trial(name, replace(flawed, verdict=verdict), outcome, constraints)
+    def _second_look(self, trial: Trial) -> _Prepared | None:
+        """A closed part with another look at what is to blame; None where it shows nothing new. AssemblyError."""
+        if not trial.blamed or trial.undrawn or self.tracer.is_open or self._late():
+            return None
+        again = looked_again(self.tracer.scan, trial.flawed, trial.blamed)
+        return None if again is None else _Prepared(again, trial.constraints)
 
     def _mended(self) -> Trial | None:
         """The trial with the fewest faces to blame, those replaced; None where that does not pass either."""
-        scan = self.tracer.scan
         hopeful = sorted((t for t in self.trials if t.flaws < math.inf), key=lambda t: t.flaws)
-        hopeful = hopeful[: 1 if self.tracer.is_open else _MENDED]  # what is left out of a shell ends it at last
-        end = time.perf_counter() + min(self.settings.attempt_seconds * _patience(scan), self._left())
-        for trial in hopeful:
-            warm_up(2)
-            left = end - time.perf_counter()
-            try:
-                mended, reason = mend(
-                    scan,
-                    trial.flawed,
-                    run_isolated,
-                    left if trial is hopeful[-1] else left / 2,
-                    lambda message: self.done("assemble", f"{MENDED}: {message}"),
-                )
-            except AssemblyError as error:
-                mended, reason = None, str(error)
-            if mended is not None:
-                flawed = replace(trial.flawed, attempt=mended.attempt)
-                return replace(trial, name=MENDED, flawed=flawed, outcome=mended.result)
-            self.failures.append(f"{MENDED}: {reason}")
+        hopeful = hopeful[: 1 if self.tracer.is_open else _BESIDE]  # what is left out of a shell ends it at last
+        seconds = min(self.settings.attempt_seconds * _patience(self.tracer.scan), self._left())
+        with Crew(_BESIDE) as crew:
+            begun = [crew.begin(partial(self._mend, trial, crew, seconds)) for trial in hopeful]
+            for trial, running in zip(hopeful, begun):
+                mended, reason = running.result()
+                if mended is not None:
+                    flawed = replace(trial.flawed, attempt=mended.attempt)
+                    return replace(trial, name=MENDED, flawed=flawed, outcome=mended.result)
+                self.failures.append(f"{MENDED}: {reason}")
         return None
+
+    def _mend(self, trial: Trial, crew: Crew, seconds: float) -> tuple[Mended | None, str]:
+        """What mending makes of a trial, or why not."""
+        try:
+            return mend(
+                self.tracer.scan,
+                trial.flawed,
+                crew.run,
+                seconds,
+                lambda message: self.done("assemble", f"{MENDED}: {message}"),
+            )
+        except AssemblyError as error:
+            return None, str(error)
 
     def _late(self) -> bool:
         """Whether it has had its time for exact solids."""

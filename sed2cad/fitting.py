@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.brep.worker import run_each
+from sed2cad.brep.beside import run_each
 from sed2cad.network.predict_net import predicted_starts
 from sed2cad.primitives.base import Array, FittedPatch, Patch, Primitive
 from sed2cad.primitives.bspline import BSplineSurface

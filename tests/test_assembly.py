@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 import sed2cad
 from sed2cad import assembly, climbing, rungs
 from sed2cad.brep.attempt import Verdict
+from sed2cad.brep.beside import Crew
 from sed2cad.brep.jobs import assemble_faceted, judge
 from sed2cad.brep.worker import Failure
 from sed2cad.errors import AssemblyError
@@ -29,8 +31,8 @@ def box_scan() -> RawScan:
 
 def runs(monkeypatch: pytest.MonkeyPatch, run: Callable[[Job, Any, float], Any]) -> None:
     """All jobs of the kernel go to `run`."""
-    for module in (assembly, climbing):
-        monkeypatch.setattr(module, "run_isolated", run)
+    monkeypatch.setattr(assembly, "run_isolated", run)
+    monkeypatch.setattr(Crew, "run", lambda crew, job, payload, timeout: run(job, payload, timeout))
 
 
 def kernel(monkeypatch: pytest.MonkeyPatch, faceted: Job) -> None:
@@ -125,14 +127,29 @@ def test_a_solid_with_a_face_that_cannot_be_drawn_is_better_than_facets(monkeypa
     def run(job: Job, payload: Any, timeout: float) -> Any:
         if job is not judge:
             return Failure("crash", "the CAD kernel crashed")
+        undrawn = next(hidden)
         made = job(payload).result
-        gate = replace(made.gate, passed=False, reason="it cannot be drawn", undrawn=next(hidden))
+        gate = replace(made.gate, passed=False, reason="it cannot be drawn", undrawn=undrawn)
         return Verdict(replace(made, gate=gate), gate.reason, ())
 
     runs(monkeypatch, run)
     report = sed2cad.reconstruct(box_scan()).report
     assert report.rung == rungs.UNREGULARISED and report.exact_faces == 6
     assert any("did not pass all checks: it cannot be drawn" in warning for warning in report.warnings)
+
+
+def test_after_the_first_attempt_two_are_tried_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each waits until another is under way; of both solids the one higher up is taken."""
+    alone, together = iter([True]), threading.Barrier(2, timeout=60.0)
+
+    def run(job: Job, payload: Any, timeout: float) -> Any:
+        if next(alone, False):
+            return Failure("crash", "the CAD kernel crashed")
+        together.wait()
+        return job(payload)
+
+    runs(monkeypatch, run)
+    assert sed2cad.reconstruct(box_scan()).report.rung == rungs.UNREGULARISED
 
 
 def test_the_first_attempt_that_fails_gets_a_second_look(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,8 +19,7 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Literal, TypeVar
 
@@ -29,8 +28,6 @@ R = TypeVar("R")
 
 _START = 120.0  # seconds a worker may take to import the kernel on a busy machine
 _GRACE = 10.0  # seconds after which a worker that was not stopped stops itself (its parent has died)
-_FEW = 6  # payloads that are not worth sending
-_PATIENCE = 60.0  # seconds until they are done here after all
 _PRELOAD = "sed2cad.brep.build"
 _LENGTH = struct.Struct("<Q")
 
@@ -48,37 +45,24 @@ def run_isolated(job: Callable[[P], R], payload: P, timeout: float) -> R | Failu
 
     `job` is a function at the top level of a module. A crash, a hang or an exception comes back as a Failure.
     """
-    worker = _take()
+    answer: R | Failure = asked(take(), (job, payload, timeout), lambda worker: None)
+    return answer
+
+
+def asked(worker: Worker, request: tuple[Any, Any, float], free: Callable[[Worker], None]) -> Any:
+    """A worker's answer to (job, payload, timeout), or the Failure; free(worker) before others may take it."""
     try:
-        answer = worker.ask((job, payload, timeout), timeout)
+        answer = worker.ask(request, request[2])
     except BaseException:  # Ctrl-C: do not leave the job running
+        free(worker)
         worker.stop()
         raise
+    free(worker)
     if isinstance(answer, Failure) and answer.kind != "error":
         worker.stop()
     else:
         _give_back(worker)
-    result: R | Failure = answer
-    return result
-
-
-def run_each(job: Callable[[P], R], payloads: Sequence[P]) -> list[R]:
-    """job(payload) of each, every other one in a worker meanwhile: work of any kind, on two cores."""
-    if len(payloads) < _FEW:
-        return _one_by_one((job, payloads))
-    mine, theirs = payloads[::2], payloads[1::2]
-    with ThreadPoolExecutor(1) as beside:
-        away = beside.submit(run_isolated, _one_by_one, (job, theirs), _PATIENCE)
-        here = _one_by_one((job, mine))
-        there = away.result()
-    done: list[Any] = [None] * len(payloads)
-    done[::2], done[1::2] = here, _one_by_one((job, theirs)) if isinstance(there, Failure) else there
-    return done
-
-
-def _one_by_one(work: tuple[Callable[[P], R], Sequence[P]]) -> list[R]:
-    job, payloads = work
-    return [job(payload) for payload in payloads]
+    return answer
 
 
 def run_alone(job: Callable[[P], R], payload: P, timeout: float) -> R | Failure:
@@ -86,7 +70,7 @@ def run_alone(job: Callable[[P], R], payload: P, timeout: float) -> R | Failure:
 
     The job may do more than ask the kernel, and may run further ones in workers of its own.
     """
-    worker = _Worker(alone=True)
+    worker = Worker(alone=True)
     try:
         result: R | Failure = worker.ask((job, payload, timeout), timeout)
         return result
@@ -101,10 +85,10 @@ def warm_up(workers: int = 1) -> None:
     """
     for _ in range(workers - len(_idle)):
         with _lock:
-            _idle.insert(0, _Worker())  # the last ones, which are ready, are taken first
+            _idle.insert(0, Worker())  # the last ones, which are ready, are taken first
 
 
-class _Worker:
+class Worker:
     """One child process. One that is for a single job ends on Ctrl-C, also where a thread waits for it."""
 
     def __init__(self, alone: bool = False) -> None:
@@ -136,9 +120,13 @@ class _Worker:
             self._ready = True
         return self._wait(lambda: self._exchange(request), timeout)
 
+    def kill(self) -> None:
+        """End the process; who waits for its answer gets a Failure."""
+        self._process.kill()
+
     def stop(self) -> None:
         """Kill the process and forget it."""
-        self._process.kill()
+        self.kill()
         self._process.wait()
         for pipe in (self._writer, self._reader):
             with contextlib.suppress(OSError):
@@ -186,21 +174,21 @@ class _Worker:
         return Failure("crash", f"{self._name} crashed ({how})")
 
 
-_idle: list[_Worker] = []
+_idle: list[Worker] = []
 _lock = threading.Lock()
 
 
-def _take() -> _Worker:
+def take() -> Worker:
     """An idle worker, or a new one."""
     with _lock:
         while _idle:
             worker = _idle.pop()
             if worker.usable:
                 return worker
-    return _Worker()
+    return Worker()
 
 
-def _give_back(worker: _Worker) -> None:
+def _give_back(worker: Worker) -> None:
     with _lock:
         _idle.append(worker)
 

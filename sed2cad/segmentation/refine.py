@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from sed2cad.brep.worker import run_each
+from sed2cad.brep.beside import run_each
 from sed2cad.segmentation.choose import Case, Choice, choose
 from sed2cad.segmentation.corners import Corners
 from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances, data_cost, mean_field, reach

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sed2cad.brep.worker import run_each
+from sed2cad.brep.beside import run_each
 from sed2cad.fitting import select
 from sed2cad.segmentation.choose import plausible
 from sed2cad.segmentation.energy import Tolerances

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -13,7 +12,7 @@ import pytest
 from sed2cad.brep import worker
 from sed2cad.brep.attempt import Attempt
 from sed2cad.brep.build import assemble
-from sed2cad.brep.worker import Failure, run_alone, run_each, run_isolated, warm_up
+from sed2cad.brep.worker import Failure, run_alone, run_isolated, warm_up
 from tests.brep import jobs
 from tests.geometry import parts
 
@@ -21,19 +20,6 @@ from tests.geometry import parts
 def test_a_result_comes_back_and_the_worker_is_used_again() -> None:
     assert run_isolated(jobs.double, 21, 30.0) == 42
     assert run_isolated(jobs.process_id, None, 30.0) == run_isolated(jobs.process_id, None, 30.0)
-
-
-@pytest.mark.parametrize("count", [0, 1, 7, 40])
-def test_each_is_done_in_order_some_of_them_elsewhere(count: int) -> None:
-    assert run_each(jobs.double, list(range(count))) == list(range(0, 2 * count, 2))
-    processes = set(run_each(jobs.process_id, [None] * count))
-    assert len(processes) == (2 if count > 6 else min(count, 1))
-
-
-def test_what_goes_wrong_elsewhere_is_done_here() -> None:
-    """A job that only this process can do."""
-    own = os.getpid()
-    assert run_each(jobs.only_in, [own] * 8) == [own] * 8
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
