@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sed2cad.fitting import angle_noise
-from sed2cad.primitives.base import FittedPatch, Patch
+from sed2cad.primitives.base import UNLABELLED, FittedPatch, Patch, point_labels
 from sed2cad.primitives.refine import usual_size
 from sed2cad.primitives.robust_fit import FINEST
 from sed2cad.scan.scan import Scan
@@ -30,9 +30,7 @@ def absorbed(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
     count where they tell something of a small patch: measured ones, not those that were estimated from the points.
     """
     angle = angle_noise(scan, fitted)
-    owner = np.full(len(scan.points), -1)
-    for k, patch in enumerate(fitted):
-        owner[patch.patch.indices] = k
+    owner = point_labels(len(scan.points), fitted)
     tree = cKDTree(scan.points)
     sizes = [len(patch.patch.indices) for patch in fitted]
     for k in np.argsort(sizes, kind="stable"):
@@ -40,7 +38,7 @@ def absorbed(scan: Scan, fitted: Sequence[FittedPatch]) -> list[FittedPatch]:
             break
         own = np.flatnonzero(owner == k)
         around = np.unique(owner[tree.query(scan.points[own], _NEIGHBOURS)[1]])
-        hosts = [n for n in around if n >= 0 and sizes[n] > sizes[k]]
+        hosts = [n for n in around if n != UNLABELLED and sizes[n] > sizes[k]]
         if not len(own) or not hosts or fitted[k].tied:
             continue
         tolerances = _tolerances(scan, own, fitted[k], angle)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -49,83 +49,102 @@ class Assembly:
     open_at: tuple[int, ...] = ()  # patches whose faces were left out
 
 
-def first_try(completed: Completed, settings: Settings, done: Done, failures: list[str]) -> Assembly | None:
-    """A solid of exact faces on the first rung; None, with the reasons added to the failures, where there is none."""
-    if completed.one_sided:
-        return None
-    trial = Climb(_tracer(completed), completed.measured, settings, done, failures).first()
-    if trial is None:
-        return None
-    try:
-        return _assembly(trial, failures, () if settings.cap else completed.caps)
-    except AssemblyError as error:
-        failures.append(f"{trial.name}: {error}")
-        return None
+@dataclass
+class Assembler:
+    """Makes a solid of what is known of one part. Its time for exact solids begins with it."""
 
+    settings: Settings
+    done: Done
+    failures: list[str] = field(default_factory=list)  # of all rungs so far, in order
+    start: float = field(default_factory=time.perf_counter)
 
-def assemble(
-    completed: Completed,
-    settings: Settings,
-    done: Done,
-    failures: list[str] | None = None,
-    since: float | None = None,
-) -> Assembly:
-    """The first rung of the ladder that passes the gate, without the caps that nobody asked for; at its end facets.
+    def first(self, completed: Completed) -> Assembly | None:
+        """A solid of exact faces on the first rung; None where there is none."""
+        if completed.one_sided:
+            return None
+        try:
+            return self._closed(completed, self._climb(completed, _tracer(completed)).first())
+        except AssemblyError as error:
+            self.failures.append(str(error))
+            return None
 
-    Where the scan does not show all of the part and no exact solid was found, an open shell of the faces that it shows
-    comes before facets, which would only invent the rest, unless a closed solid was asked for. What comes back may be
-    open or invalid where even facets fail (its gate says so). AssemblyError when nothing at all could be built.
-    since: when the time for exact solids began (time.perf_counter), where that was earlier.
-    """
-    failures = [] if failures is None else failures
-    tracer = _tracer(completed)
-    seen = None if settings.cap else completed.seen
+    def best(self, completed: Completed) -> Assembly:
+        """The first rung of the ladder that passes the gate, without the caps that nobody asked for; at its end facets.
 
-    def closed() -> Assembly | None:
-        start = time.perf_counter() if since is None else since
-        trial = Climb(tracer, completed.measured, settings, done, failures, start=start).best()
-        return None if trial is None else _assembly(trial, failures, () if settings.cap else completed.caps)
+        Where the scan does not show all of the part and no exact solid was found, an open shell of the faces that it
+        shows comes before facets, which would only invent the rest, unless a closed solid was asked for. What comes
+        back may be open or invalid where even facets fail (its gate says so). AssemblyError when nothing at all could
+        be built.
+        """
+        tracer = _tracer(completed)
+        seen = None if self.settings.cap else completed.seen
+        ways = [lambda: self._closed(completed, self._climb(completed, tracer).best())]
+        if seen is not None:
+            ways.insert(0 if completed.one_sided else 1, lambda: self._open_shell(seen))
+        for way in ways:
+            if (made := way()) is not None:
+                return made
+        if not tracer.proxies:
+            raise AssemblyError(f"no closed surface could be laid through the scan ({self.failures[-1]})")
+        return self._facets(completed, next(iter(tracer.proxies.values())))
 
-    ways = [closed]
-    if seen is not None:
-        ways.insert(0 if completed.one_sided else 1, lambda: _open_shell(seen, settings, done, failures))
-    for way in ways:
-        if (made := way()) is not None:
-            return made
-    if not tracer.proxies:
-        raise AssemblyError(f"no closed surface could be laid through the scan ({failures[-1]})")
-    return _facets(completed, next(iter(tracer.proxies.values())), settings, failures, done)
+    def _climb(self, completed: Completed, tracer: Tracer) -> Climb:
+        return Climb(tracer, completed.measured, self.settings, self.done, self.failures, start=self.start)
+
+    def _closed(self, completed: Completed, trial: Trial | None) -> Assembly | None:
+        """What a trial made, without the caps that nobody asked for. AssemblyError."""
+        if trial is None:
+            return None
+        return _opened(self._made(trial), () if self.settings.cap else completed.caps)
+
+    def _made(self, trial: Trial) -> Assembly:
+        """What a trial made."""
+        attempt, solid = trial.flawed.attempt, trial.outcome
+        assert isinstance(solid, AssemblyResult)
+        names, failures = face_names(solid, attempt.fitted), tuple(self.failures)
+        return Assembly(attempt.fitted, attempt.topology, solid, names, trial.name, failures, trial.constraints)
+
+    def _open_shell(self, seen: Seen) -> Assembly | None:
+        """Only the faces that the scan shows, bounded where it ends; None where they do not pass the gate either."""
+        try:
+            sheet = sheet_of(seen.scan, seen.fitted)
+        except AssemblyError as error:
+            self.failures.append(str(error))
+            return None
+        fitted = [*seen.fitted, loose_patch()]
+        tracer = Tracer(seen.scan, fitted, {"carved": sheet.mesh}, unseen=sheet.back)
+        longer = replace(self.settings, solid_seconds=_LONGER * self.settings.solid_seconds)
+        trial = Climb(tracer, seen.scan.points, longer, self.done, self.failures).best()
+        if trial is None:
+            return None
+        shell = self._made(trial)
+        return shell if shell.solid.gate.closed else replace(shell, open_at=(len(seen.fitted),))
+
+    def _facets(self, completed: Completed, proxy: Mesh) -> Assembly:
+        """The last rung: the proxy mesh as a solid of planar faces; at worst an open or invalid shell of them."""
+        scan, fitted = completed.scan, completed.fitted
+        options = Options(limits=limits_of(scan, self.settings))
+        nothing = Topology((), (), np.zeros((0, 3)), proxy.volume())
+        best: Assembly | None = None
+        for count in FACET_COUNTS:
+            attempt = FacetedAttempt(decimate(proxy, count), scan.frame, completed.measured, options)
+            outcome = run_isolated(faceted_solid, attempt, self.settings.attempt_seconds)
+            reason = fault_of(outcome)
+            self.done("assemble", f"{FACETS}: {reason or 'closed'}")
+            if isinstance(outcome, AssemblyResult) and (best is None or _sound(outcome) >= _sound(best.solid)):
+                names = face_names(outcome, fitted)
+                best = Assembly(tuple(fitted), nothing, outcome, names, FACETS, tuple(self.failures))
+            if not reason:
+                break
+            self.failures.append(f"{FACETS}: {reason}")
+        if best is None:
+            raise AssemblyError(f"no closed solid could be built ({self.failures[-1]})")
+        return best
 
 
 def _tracer(completed: Completed) -> Tracer:
     """For the rungs."""
     return Tracer(completed.scan, completed.fitted, {"carved": completed.proxy} if completed.proxy else {})
-
-
-def _assembly(trial: Trial, failures: Sequence[str], left_out: Sequence[int]) -> Assembly:
-    """What a trial made, without the faces of some patches."""
-    attempt, solid = trial.flawed.attempt, trial.outcome
-    assert isinstance(solid, AssemblyResult)
-    names = face_names(solid, attempt.fitted)
-    made = Assembly(attempt.fitted, attempt.topology, solid, names, trial.name, tuple(failures), trial.constraints)
-    return _opened(made, left_out)
-
-
-def _open_shell(seen: Seen, settings: Settings, done: Done, failures: list[str]) -> Assembly | None:
-    """Only the faces that the scan shows, bounded where it ends; None where they do not pass the gate either."""
-    try:
-        sheet = sheet_of(seen.scan, seen.fitted)
-    except AssemblyError as error:
-        failures.append(str(error))
-        return None
-    fitted = [*seen.fitted, loose_patch()]
-    tracer = Tracer(seen.scan, fitted, {"carved": sheet.mesh}, unseen=sheet.back)
-    longer = replace(settings, solid_seconds=_LONGER * settings.solid_seconds)
-    trial = Climb(tracer, seen.scan.points, longer, done, failures).best()
-    if trial is None:
-        return None
-    shell = _assembly(trial, failures, ())
-    return shell if shell.solid.gate.closed else replace(shell, open_at=(len(seen.fitted),))
 
 
 def _opened(assembly: Assembly, caps: Sequence[int]) -> Assembly:
@@ -140,30 +159,6 @@ def _opened(assembly: Assembly, caps: Sequence[int]) -> Assembly:
         raise AssemblyError(f"the solid could not be opened where the scan ends ({outcome.sentence})")
     names = tuple(name for k, name in enumerate(assembly.face_names) if k not in at)
     return replace(assembly, solid=outcome, face_names=names, open_at=tuple(caps))
-
-
-def _facets(
-    completed: Completed, proxy: Mesh, settings: Settings, failures: list[str], done: Done
-) -> Assembly:
-    """The last rung: the proxy mesh as a solid of planar faces; at worst an open or invalid shell of them."""
-    scan, fitted = completed.scan, completed.fitted
-    options = Options(limits=limits_of(scan, settings))
-    nothing = Topology((), (), np.zeros((0, 3)), proxy.volume())
-    best: Assembly | None = None
-    for count in FACET_COUNTS:
-        attempt = FacetedAttempt(decimate(proxy, count), scan.frame, completed.measured, options)
-        outcome = run_isolated(faceted_solid, attempt, settings.attempt_seconds)
-        reason = fault_of(outcome)
-        done("assemble", f"{FACETS}: {reason or 'closed'}")
-        if isinstance(outcome, AssemblyResult) and (best is None or _sound(outcome) >= _sound(best.solid)):
-            names = face_names(outcome, fitted)
-            best = Assembly(tuple(fitted), nothing, outcome, names, FACETS, tuple(failures))
-        if not reason:
-            break
-        failures.append(f"{FACETS}: {reason}")
-    if best is None:
-        raise AssemblyError(f"no closed solid could be built ({failures[-1]})")
-    return best
 
 
 def _sound(solid: AssemblyResult) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sed2cad.absorbing import absorbed
-from sed2cad.assembly import Assembly, assemble, first_try
+from sed2cad.assembly import Assembler, Assembly
 from sed2cad.brep.worker import warm_up
 from sed2cad.completion.complete import Completed, complete
 from sed2cad.fitting import fit_patches
@@ -74,16 +74,14 @@ def reconstruct_from(
 
 def _solid(found: Segmentation, settings: Settings, clock: Clock) -> tuple[Completed, Assembly]:
     """The solid of all patches; where none comes of them at once, of those that more than a few points show."""
-    completed, failures = _completed(found.scan, found.patches, clock), list[str]()
-    since: float | None = None
+    completed, assembler = _completed(found.scan, found.patches, clock), Assembler(settings, clock.done)
     if found.plainer is not None:
-        since = time.perf_counter()
-        assembly = first_try(completed, settings, clock.done, failures)
+        assembly = assembler.first(completed)
         if assembly is not None:
             return completed, assembly
         completed = _completed(found.scan, found.plainer, clock)
         warnings.warn("small faces, which only a few points show, were left out: no solid came of them", stacklevel=2)
-    return completed, assemble(completed, settings, clock.done, failures, since)
+    return completed, assembler.best(completed)
 
 
 def _completed(scan: Scan, patches: Sequence[Patch], clock: Clock) -> Completed:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sed2cad.primitives.base import Array, FittedPatch, Primitive
+from sed2cad.primitives.base import UNLABELLED, Array, FittedPatch, Primitive, point_labels
 from sed2cad.primitives.coaxial import NUMBERS, axis_of, coaxial
 from sed2cad.primitives.oriented_fit import directions, facing
 from sed2cad.primitives.refine import uncertainty
@@ -16,11 +16,11 @@ from sed2cad.primitives.registry import primitive_class
 from sed2cad.primitives.robust_fit import FINEST, UNSEEN
 from sed2cad.primitives.vectors import root_mean_square
 from sed2cad.scan.scan import Scan
+from sed2cad.segmentation.energy import COARSE
 
 _TOLD = 3  # numbers that a point tells with its normal
 _ENOUGH = 2.0  # numbers told for each one asked, from which on a fit is left alone
 _BESIDE = 12  # nearest points that tell the patches beside
-_TURNED = 0.12  # radians: deviation of normals that are not worse than those of a coarse tessellation
 _ALLOWED = 9.0  # chi^2 of each point and its normal, at most on average
 
 
@@ -33,14 +33,12 @@ def tied(scan: Scan, fitted: Sequence[FittedPatch], angle: float) -> list[Fitted
     few = [k for k, patch in enumerate(fitted) if _is_open(patch)]
     if not few or (np.isinf(angle) and scan.noise > FINEST):
         return list(fitted)
-    owner = np.full(len(scan.points), -1)
-    for k, patch in enumerate(fitted):
-        owner[patch.patch.indices] = k
-    angle, noise, tree = min(angle, _TURNED), max(scan.noise, UNSEEN), cKDTree(scan.points)
+    owner = point_labels(len(scan.points), fitted)
+    angle, noise, tree = min(angle, COARSE), max(scan.noise, UNSEEN), cKDTree(scan.points)
     out = list(fitted)
     for k in few:
         points, normals = scan.points[fitted[k].patch.indices], scan.normals[fitted[k].patch.indices]
-        beside = np.setdiff1d(owner[tree.query(points, min(_BESIDE, len(owner)))[1]], [-1, *few])
+        beside = np.setdiff1d(owner[tree.query(points, min(_BESIDE, len(owner)))[1]], [UNLABELLED, *few])
         axes = [axis for n in beside if (axis := axis_of(fitted[n].primitive)) is not None]
         about = [coaxial(fitted[k].patch.kind, *axis, points, normals) for axis in axes]
         rated = [(_misfit(surface, points, normals, noise, angle), surface) for surface in about if surface is not None]

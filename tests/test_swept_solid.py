@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sed2cad.assembly import assemble
+from sed2cad.assembly import Assembler
 from sed2cad.completion.complete import Completed
 from sed2cad.fitting import fit_patches
 from sed2cad.joining import joined
@@ -92,7 +92,7 @@ def test_a_scan_becomes_a_solid_with_swept_faces(name: str) -> None:
     scan, patches = scan_of(faces, part.frame, kinds)
     fitted = joined(scan, fit_patches(scan, patches))
     assert [patch.primitive.kind for patch in fitted] == [swept] + ["plane"] * (len(part.kinds) - 1)
-    found = assemble(Completed(scan, fitted), Settings(), lambda stage, message: None)
+    found = Assembler(Settings(), lambda stage, message: None).best(Completed(scan, fitted))
     assert found.solid.gate.passed and found.rung == "exact"
     assert sorted(found.face_names) == sorted(part_names(part.kinds))
     assert found.solid.gate.volume == pytest.approx(volume, rel=5e-3)

@@ -19,6 +19,7 @@ SHALLOW = np.radians(15.0)  # wider angles between the normals always cross
 LEVEL = np.radians(3.0)  # narrower ones never cross
 REACH = 0.04  # unit frame: how far sideways the place where the normals agree may lie
 _STEP = 1e-5  # unit frame: for differences of normals
+_AROUND = _STEP * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class Side:
 class Contact:
     """The difference of two normal fields, to first order, at n points."""
 
+    difference: Array  # (n, 3)
     across: Array  # (n, 3): unit, the change of the difference (leading left singular vector)
     curvature: Array  # (n,): how much the difference changes per length
     sideways: Array  # (n, 3): unit, the way in which it changes most (leading right singular vector)
@@ -62,15 +64,14 @@ def relative_curvature(a: Side, b: Side, points: Array) -> Contact:
 
     One rule for all pairs of tangent surfaces: where they touch, (n_a - n_b) . across = 0.
     """
-    count = len(points)
-    steps = _STEP * np.vstack([np.eye(3), -np.eye(3)])
-    around = (points[:, None] + steps).reshape(-1, 3)
-    difference = (a.outward(around) - b.outward(around)).reshape(count, 6, 3)
-    gradient = np.swapaxes(difference[:, :3] - difference[:, 3:], 1, 2) / (2 * _STEP)
-    normal = unit(a.outward(points) + b.outward(points))
+    around = (points[:, None] + _AROUND).reshape(-1, 3)
+    of_a, of_b = (side.outward(around).reshape(-1, len(_AROUND), 3) for side in (a, b))
+    difference = of_a - of_b
+    gradient = np.swapaxes(difference[:, 1:4] - difference[:, 4:], 1, 2) / (2 * _STEP)
+    normal = unit(of_a[:, 0] + of_b[:, 0])
     flat = np.eye(3) - normal[:, :, None] * normal[:, None, :]
     left, size, right = np.linalg.svd(flat @ gradient @ flat)
-    return Contact(left[:, :, 0], size[:, 0], right[:, 0, :])
+    return Contact(difference[:, 0], left[:, :, 0], size[:, 0], right[:, 0, :])
 
 
 def angles(a: Side, b: Side, points: Array) -> Array:

@@ -76,13 +76,12 @@ def _corner(
 def _residuals(position: Array, sides: Sequence[Side], tangent: Sequence[tuple[Side, Side]]) -> tuple[Array, Array]:
     """Lengths (m,) that vanish at the corner, and their gradients (m, 3)."""
     here = position[None]
-    values = [float(side.primitive.distance(here)[0]) for side in sides]
-    rows = [side.primitive.normal(here)[0] for side in sides]
+    found = [side.primitive.distance_and_normal(here) for side in sides]
+    values, rows = [float(distance[0]) for distance, _ in found], [normal[0] for _, normal in found]
     for a, b in tangent:
         contact = relative_curvature(a, b, here)
         if contact.curvature[0] < _LEAST_CURVATURE:
             continue
-        difference = (a.outward(here) - b.outward(here))[0]
-        values.append(float(difference @ contact.across[0]) / float(contact.curvature[0]))
+        values.append(float(contact.difference[0] @ contact.across[0]) / float(contact.curvature[0]))
         rows.append(contact.sideways[0])
     return np.array(values), np.array(rows)

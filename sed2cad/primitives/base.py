@@ -7,6 +7,7 @@ whether that side is outside the part is the `sign` of the fitted patch, not the
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -14,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+UNLABELLED = -1
 
 
 def side_of(there: Array, normals: Array) -> int:
@@ -99,3 +102,11 @@ class FittedPatch:
     rms: float  # of the interior points' distances, unit frame
     covariance: Array  # (freedom, freedom) in the primitive's chart, of the pose if swept; (0, 0) for B-splines
     tied: bool = False  # to the axis of a patch beside it, as its own points are too few to tell one
+
+
+def point_labels(count: int, fitted: Sequence[FittedPatch]) -> NDArray[np.int64]:
+    """Index of the fitted patch of each of `count` points (count,), or UNLABELLED."""
+    labels = np.full(count, UNLABELLED, dtype=np.int64)
+    for index, patch in enumerate(fitted):
+        labels[patch.patch.indices] = index
+    return labels

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
 UNEXPLAINED = -1
+COARSE = 0.12  # radians: deviation of the normals of a coarse tessellation, or of a scanner
 BLUNT = 2.0  # price of a point that a surface only comes near
 _TURNED = 2.0  # most that normals count where the vertices are on the surface: squared, in units of their deviation
 _ACROSS = 0.7  # cosine of the normals from which they do
@@ -31,7 +32,7 @@ class Tolerances:
     """What counts as one unit of deviation, and the prices of the energy."""
 
     distance: float  # unit frame: standard deviation of the points about their surface
-    angle: float = 0.12  # radians: standard deviation of the normals (facets, scanner)
+    angle: float = COARSE  # radians: standard deviation of the normals
     cap: float = 6.0  # data cost of a point that no primitive explains
     smoothness: float = 0.6
     primitive: float = 14.0  # cost of using one more primitive

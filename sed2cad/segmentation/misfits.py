@@ -24,7 +24,7 @@ from sed2cad.primitives.cylinder import Cylinder
 from sed2cad.primitives.oriented_fit import oriented_fit
 from sed2cad.primitives.registry import primitive_class
 from sed2cad.segmentation.choose import NUMBER, Choice
-from sed2cad.segmentation.energy import UNEXPLAINED, Tolerances, data_cost
+from sed2cad.segmentation.energy import COARSE, UNEXPLAINED, Tolerances, data_cost
 from sed2cad.segmentation.level import Level
 from sed2cad.segmentation.refine import State
 from sed2cad.segmentation.strips import groups
@@ -36,7 +36,6 @@ Mask = NDArray[np.bool_]
 LEAST = 2  # points of a face
 SMALL = 40  # points of a patch whose kind is in doubt, and of misfits that lie together: more were seen before
 MISFIT = 0.99  # of the cap
-WIDE = 0.12  # radians: deviation of normals; those of a coarse tessellation are turned that much on its own face
 LINKED = 8.0  # spacings, two points' distance: between neighbours on a face that a handful of points show
 BESIDE = 12  # nearest points that tell the faces beside
 SEEN = 0.5  # of the price of a primitive: of one that has the size of another
@@ -52,8 +51,9 @@ def with_misfits(level: Level, state: State, tolerances: Tolerances) -> State:
 
     In a few rounds: what has been found makes its like cheaper.
     """
+    tree = cKDTree(level.points)
     for _ in range(ROUNDS):
-        finder = _Finder(level, tolerances, state)
+        finder = _Finder(level, tolerances, state, tree)
         found = sorted(finder.patches(), key=lambda patch: -patch.saved)
         labels, primitives = state.labels.copy(), list(state.primitives)
         taken = np.zeros(len(labels), bool)
@@ -85,6 +85,7 @@ class _Finder:
     level: Level
     tolerances: Tolerances
     state: State
+    tree: cKDTree  # of the level's points
 
     def patches(self) -> Iterator[_Found]:
         """The best for some misfits that lie together, and about each axis."""
@@ -103,7 +104,7 @@ class _Finder:
     @cached_property
     def misfit(self) -> Mask:
         """Points (n,) of no patch, or far off an analytic one; a freeform one may be poor."""
-        return self._costs(max(self.tolerances.angle, WIDE)) >= MISFIT * self.tolerances.cap
+        return self._costs(max(self.tolerances.angle, COARSE)) >= MISFIT * self.tolerances.cap
 
     @cached_property
     def now(self) -> Array:
@@ -119,7 +120,7 @@ class _Finder:
     @cached_property
     def around(self) -> NDArray[np.int64]:
         """Labels (m, BESIDE) of the points around each doubtful one."""
-        _, near = cKDTree(self.level.points).query(self.level.points[self.doubtful], BESIDE)
+        _, near = self.tree.query(self.level.points[self.doubtful], BESIDE)
         return np.asarray(self.state.labels[near])
 
     def _together(self) -> list[Rows]:

@@ -163,7 +163,8 @@ def levelled(caps: Sequence[Cap], mesh: Mesh) -> list[FittedPatch]:
     if not flat:
         return patches
     level = [caps[k] for k, _ in flat]
-    centres = np.array([mesh.centroids()[cap.triangles].mean(axis=0) for cap in level])
+    middles = mesh.centroids()
+    centres = np.array([middles[cap.triangles].mean(axis=0) for cap in level])
     normals, beyond = np.array([plane.normal_vector for _, plane in flat]), np.array([cap.beyond for cap in level])
     depths = -beyond * np.column_stack([plane.distance(centres) for _, plane in flat])  # (k, k) at each, of each
     deeper = depths - np.diag(depths)[:, None]

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.base import UNLABELLED, FittedPatch, point_labels
 from sed2cad.scan.neighbours import search_tree
 from sed2cad.scan.scan import Array, Scan
 
 Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-UNLABELLED = -1
 _NEIGHBOURS = 12
 
 
@@ -52,14 +51,6 @@ class Samples:
         """Samples of one surface each: points (n, 3), labels (n,), normals (n, 3)."""
         twice = np.repeat(normals[:, None, :], 2, axis=1)
         return cls(points, np.column_stack([labels, labels]), twice, np.ones(len(points), dtype=bool))
-
-
-def point_labels(count: int, fitted: Sequence[FittedPatch]) -> Labels:
-    """Index of the fitted patch of each of `count` points (count,), or UNLABELLED."""
-    labels = np.full(count, UNLABELLED, dtype=np.int64)
-    for index, patch in enumerate(fitted):
-        labels[patch.patch.indices] = index
-    return labels
 
 
 def on_surfaces(points: Array, labels: Labels, fitted: Sequence[FittedPatch]) -> tuple[Array, Array]:

@@ -13,14 +13,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sed2cad.errors import AssemblyError
-from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.base import UNLABELLED, FittedPatch
 from sed2cad.scan.scan import Mesh, Scan
 from sed2cad.topology.carve import carved
 from sed2cad.topology.edges import surface_samples
 from sed2cad.topology.manifold import nearest_triangles
 from sed2cad.topology.mincut import Labels
 from sed2cad.topology.proxy import MOST_SAMPLES, divided, encloses, few_enough
-from sed2cad.topology.samples import UNLABELLED, Samples
+from sed2cad.topology.samples import Samples
 
 _DEPTH = 3.0  # spacings
 _WIDE = 4.0  # depths: wider holes are none that chance leaves between random points

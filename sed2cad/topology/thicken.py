@@ -13,11 +13,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sed2cad.errors import AssemblyError
-from sed2cad.primitives.base import FittedPatch
+from sed2cad.primitives.base import FittedPatch, point_labels
 from sed2cad.primitives.parallel import parallel
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.labelling import Labels
-from sed2cad.topology.samples import point_labels
 from sed2cad.topology.trace import Traced, retraced, trace
 
 _BY = 1.5  # spacings: how far faces move
