@@ -24,7 +24,7 @@ from sed2cad.primitives.base import FittedPatch
 from sed2cad.scan.scan import Array, Mesh, Scan
 from sed2cad.topology.edges import surface_samples
 from sed2cad.topology.proxy import closed_input, proxy_mesh, proxy_quality
-from sed2cad.topology.samples import Samples, neighbours, on_surfaces, settled_labels
+from sed2cad.topology.samples import Samples, on_surfaces, settled_labels
 
 _NONE = 0.3  # share of the points that a proxy misses which is none: what it closes is no gap
 _LOOKS = 4  # at the proxy
@@ -153,7 +153,7 @@ class _Part:
     def __post_init__(self) -> None:
         scan = self.completed.scan
         self.patches = list(self.completed.fitted)
-        self.owner = settled_labels(scan, self.patches, neighbours(scan))
+        self.owner = settled_labels(scan, self.patches)
         self.faces = surface_samples(scan, self.patches)
         self.found = self.faces[:0]
 

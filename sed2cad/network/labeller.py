@@ -12,9 +12,10 @@ from scipy.special import expit, softmax
 from sed2cad.network.architecture import FUSION, GLOBAL_POINTS, Architecture
 from sed2cad.network.features import Index, local_features, pair_features
 from sed2cad.network.graph import SCALES, Cloud, coarse_weights, neighbour_graph
-from sed2cad.network.layers import Array, Layers, by_rows, leaky
+from sed2cad.network.layers import Array, Layers, leaky
 from sed2cad.network.rebuilt import feature_neighbours, normal_neighbours
 from sed2cad.network.stored import FORMAT, SHIPPED, stored_weights
+from sed2cad.rows import by_rows
 
 _FUSION = np.float32(FUSION)  # keeps arrays in 32 bits
 

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf, softmax
 
 from sed2cad.network.architecture import SLOPE
+from sed2cad.rows import by_rows
 
 Array = NDArray[np.float32]
 
-CHUNK = 1_024
-"""Rows at a time: they stay in cache, and the cores share the work."""
 EPSILON = 1e-5
 """Of a layer norm."""
 
@@ -81,13 +77,3 @@ class Layers:
 def leaky(x: Array) -> Array:
     """LeakyReLU."""
     return np.maximum(x, np.float32(SLOPE) * x)
-
-
-def by_rows(function: Callable[..., Any], *arrays: NDArray) -> Any:
-    """function(*arrays), some rows at a time in threads; an array, or a tuple of arrays, of as many rows."""
-    starts = range(0, len(arrays[0]), CHUNK)
-    with ThreadPoolExecutor() as pool:
-        parts = list(pool.map(lambda at: function(*(array[at : at + CHUNK] for array in arrays)), starts))
-    if isinstance(parts[0], tuple):
-        return tuple(np.concatenate(column) for column in zip(*parts))
-    return np.concatenate(parts)

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from sed2cad.network.features import Index
-from sed2cad.network.layers import Array, by_rows
+from sed2cad.network.layers import Array
+from sed2cad.rows import by_rows
 
 
 def normal_neighbours(points: Array, normals: Array, k: int) -> Index:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sed2cad.scan.scan import Array
+Array = NDArray[np.float64]
 
 
 def spatial_order(points: Array) -> NDArray[np.int64]:

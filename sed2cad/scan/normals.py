@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from sed2cad.rows import by_rows
 from sed2cad.scan.local_fits import LocalFits, fit_planes, fit_quadrics
 from sed2cad.scan.neighbours import search_tree
 from sed2cad.scan.scan import Array
@@ -31,8 +31,6 @@ OFF = 2.0
 """Variances of a point's foot that a neighbour's plane may miss it by."""
 SMOOTHING = 0.35
 """Width of the smoothing in radians between normals: noise goes, edges stay."""
-CHUNK = 20_000
-"""Points whose neighbourhoods are in memory at once."""
 
 
 @dataclass(frozen=True)
@@ -63,21 +61,18 @@ def tangents(points: Array) -> Tangents:
 def _best_fits(points: Array) -> tuple[LocalFits, NDArray[np.int64]]:
     """The best of the surfaces at all scales for each point, and its nearest points (n, REACH)."""
     n = len(points)
-    near = np.empty((n, min(REACH, n)), dtype=np.int64)
     best = LocalFits.empty(n)
     tree = search_tree(points)
     noise = _noise(points, tree)
 
-    def do(start: int) -> None:
-        rows = np.arange(start, min(start + CHUNK, n))
+    def fit(rows: NDArray[np.int64]) -> NDArray[np.int64]:
         index = tree.query(points[rows], min(WIDEST, n))[1]
-        near[rows] = index[:, :REACH]
         best.put(rows, fit_planes(points[index], noise)[0], np.ones(len(rows), bool))
         unsure = best.tilt(rows) > SURE**2
         _improve(best, points, rows[unsure], index[unsure], noise)
+        return np.asarray(index[:, :REACH])
 
-    with ThreadPoolExecutor() as pool:  # numpy and the tree let other threads work meanwhile
-        list(pool.map(do, range(0, n, CHUNK)))
+    near: NDArray[np.int64] = by_rows(fit, np.arange(n))
     return best, near
 
 
@@ -101,23 +96,33 @@ def _improve(best: LocalFits, points: Array, rows: NDArray[np.int64], index: NDA
 
 def _chosen(fits: LocalFits, points: Array, near: NDArray[np.int64]) -> NDArray[np.int64]:
     """Whose plane is each point's best (n,): its own, or that of one of its neighbours which does not miss it."""
-    own, feet, unsure = fits.tilt(), fits.feet(points), OFF * fits.unsure()
-    best, choice = own / BETTER, np.arange(len(points))
-    for j in near.T[1:]:
-        way = feet - fits.centres[j]
-        off = np.maximum(np.abs(np.einsum("ij,ij->i", fits.normals[j], way)) - fits.gap[j], 0)
-        turned = np.maximum(off**2 - unsure, 0) / (np.einsum("ij,ij->i", way, way) + fits.width[j])
-        error = fits.tilt(j) + turned
-        better = error < best
-        best[better], choice[better] = error[better], j[better]
-    return choice
+    tilt, feet, unsure = fits.tilt(), fits.feet(points), OFF * fits.unsure()
+
+    def choose(near: NDArray[np.int64], feet: Array, unsure: Array, own: Array) -> NDArray[np.int64]:
+        best, choice = own / BETTER, near[:, 0].copy()
+        for j in near.T[1:]:
+            way = feet - fits.centres[j]
+            off = np.maximum(np.abs(np.einsum("ij,ij->i", fits.normals[j], way)) - fits.gap[j], 0)
+            turned = np.maximum(off**2 - unsure, 0) / (np.einsum("ij,ij->i", way, way) + fits.width[j])
+            error = tilt[j] + turned
+            better = error < best
+            best[better], choice[better] = error[better], j[better]
+        return choice
+
+    found: NDArray[np.int64] = by_rows(choose, near, feet, unsure, tilt)
+    return found
 
 
-def _smoothed(normals: Array, near: NDArray) -> Array:
+def _smoothed(normals: Array, near: NDArray[np.int64]) -> Array:
     """Bilateral mean over the nearest points, with weights that fall with the angle between the normals."""
-    total = np.zeros_like(normals)
-    for j in near.T:
-        cosine = np.einsum("ij,ij->i", normals, normals[j])
-        weight = np.sign(cosine) * np.exp((np.abs(cosine) - 1) / SMOOTHING**2)
-        total += weight[:, None] * normals[j]
-    return total / np.linalg.norm(total, axis=1, keepdims=True)
+
+    def smooth(near: NDArray[np.int64], own: Array) -> Array:
+        total = np.zeros_like(own)
+        for j in near.T:
+            cosine = np.einsum("ij,ij->i", own, normals[j])
+            weight = np.sign(cosine) * np.exp((np.abs(cosine) - 1) / SMOOTHING**2)
+            total += weight[:, None] * normals[j]
+        return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+
+    found: Array = by_rows(smooth, near, normals)
+    return found

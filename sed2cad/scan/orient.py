@@ -8,6 +8,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import cg
 
+from sed2cad.rows import by_rows
 from sed2cad.scan.normals import Tangents
 from sed2cad.scan.scan import Array
 
@@ -56,12 +57,17 @@ def _agreement(tangents: Tangents, i: NDArray, j: NDArray) -> tuple[Array, Array
     between.
     """
     points, normals = tangents.feet, tangents.normals
-    way = points[j] - points[i]
-    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
-    rise = np.einsum("ij,ij->i", normals[i], way) * np.einsum("ij,ij->i", normals[j], way)
-    cosine = np.einsum("ij,ij->i", normals[i], normals[j])
-    mirrored = cosine - 2 * rise
-    return mirrored, np.abs(mirrored) * np.exp(-np.abs(rise) * cosine**2 / (2 * SHEET**2))
+
+    def agree(i: NDArray, j: NDArray) -> tuple[Array, Array]:
+        way = points[j] - points[i]
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
+        rise = np.einsum("ij,ij->i", normals[i], way) * np.einsum("ij,ij->i", normals[j], way)
+        cosine = np.einsum("ij,ij->i", normals[i], normals[j])
+        mirrored = cosine - 2 * rise
+        return mirrored, np.abs(mirrored) * np.exp(-np.abs(rise) * cosine**2 / (2 * SHEET**2))
+
+    found: tuple[Array, Array] = by_rows(agree, i, j)
+    return found
 
 
 def _with_centre_votes(tangents: Tangents, votes: Array, pairs: csr_matrix) -> Array:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sed2cad.scan.neighbours import Array, search_tree
+
+_AROUND = 12
 
 
 @dataclass(frozen=True)
@@ -72,3 +75,9 @@ class Scan:
     def reach(self) -> float:
         """How far a proxy mesh may be from the points, unit frame."""
         return 1.5 * self.spacing + 4 * self.noise
+
+    @cached_property
+    def around(self) -> NDArray[np.int64]:
+        """Indices (n, 13) of each point, which comes first, and of those nearest to it."""
+        tree = search_tree(self.points)
+        return np.asarray(tree.query(self.points, _AROUND + 1, workers=-1)[1], dtype=np.int64)

@@ -220,6 +220,6 @@ def _large(labels: Labels) -> Labels:
 def _inside(scan: Scan, labels: Labels, k: int = 6) -> NDArray[np.bool_]:
     """Points whose nearest neighbours all lie on the same patch, but for those on the other side of a wall: noise takes
     some points of a thin one nearer to them, and the others alone would be a biased sample."""
-    near = cKDTree(scan.points).query(scan.points, k=k, workers=-1)[1]
+    near = scan.around[:, :k]
     facing = np.einsum("ij,ikj->ik", scan.normals, scan.normals[near]) < FACING
     return np.asarray(((labels[near] == labels[:, None]) | facing).all(axis=1))

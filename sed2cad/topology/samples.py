@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sed2cad.primitives.base import UNLABELLED, FittedPatch, point_labels
-from sed2cad.scan.neighbours import search_tree
 from sed2cad.scan.scan import Array, Scan
 
 Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-_NEIGHBOURS = 12
 
 
 @dataclass(frozen=True)
@@ -63,18 +61,13 @@ def on_surfaces(points: Array, labels: Labels, fitted: Sequence[FittedPatch]) ->
     return feet, normals
 
 
-def neighbours(scan: Scan) -> Labels:
-    """Indices (n, k) of each point, which comes first, and of those nearest to it."""
-    return np.asarray(search_tree(scan.points).query(scan.points, _NEIGHBOURS + 1, workers=-1)[1])
-
-
-def settled_labels(scan: Scan, fitted: Sequence[FittedPatch], near: Labels) -> Labels:
-    """Labels (n,) of the points, each the best of its own and its neighbours' (n, k): distance, normal and votes.
+def settled_labels(scan: Scan, fitted: Sequence[FittedPatch]) -> Labels:
+    """Labels (n,) of the points, each the best of its own and its neighbours': distance, normal and votes.
 
     A point that none of these surfaces explains is UNLABELLED.
     """
     labels = point_labels(len(scan.points), fitted)
-    around = labels[near]
+    around = labels[scan.around]
     best, price = np.full(len(labels), UNLABELLED, dtype=np.int64), np.full(len(labels), 6.0)
     unit = 2 * scan.noise + 0.15 * scan.spacing
     for label, patch in enumerate(fitted):
@@ -82,7 +75,7 @@ def settled_labels(scan: Scan, fitted: Sequence[FittedPatch], near: Labels) -> L
         at = np.flatnonzero(votes)
         distance = patch.primitive.distance(scan.points[at]) / (unit + patch.rms)
         cosine = patch.sign * np.einsum("ij,ij->i", patch.primitive.normal(scan.points[at]), scan.normals[at])
-        cost = np.minimum(distance**2, 9.0) + 8 * (1 - cosine) + 2 * (1 - votes[at] / (_NEIGHBOURS + 2))
+        cost = np.minimum(distance**2, 9.0) + 8 * (1 - cosine) + 2 * (1 - votes[at] / (around.shape[1] + 1))
         better = cost < price[at]
         best[at[better]], price[at[better]] = label, cost[better]
     return best
@@ -90,9 +83,8 @@ def settled_labels(scan: Scan, fitted: Sequence[FittedPatch], near: Labels) -> L
 
 def face_samples(scan: Scan, fitted: Sequence[FittedPatch]) -> Samples:
     """The points on the primitives of their labels; unlabelled ones as they are, if they are not alone."""
-    near = neighbours(scan)
-    labels = settled_labels(scan, fitted, near)
-    explained = (labels[near[:, 1:]] >= 0).mean(axis=1)
+    labels = settled_labels(scan, fitted)
+    explained = (labels[scan.around[:, 1:]] >= 0).mean(axis=1)
     use = (labels >= 0) | (explained < 0.7)
     feet, normals = on_surfaces(scan.points, labels, fitted)
     normals = np.where((labels >= 0)[:, None], normals, scan.normals)

@@ -22,7 +22,7 @@ from sed2cad.topology.mincut import Labels
 from sed2cad.topology.model import Topology
 from sed2cad.topology.proxy import proxy_mesh
 from sed2cad.topology.regions import cleaned_labels, connected, support_of, unpinch
-from sed2cad.topology.samples import neighbours, settled_labels
+from sed2cad.topology.samples import settled_labels
 from sed2cad.topology.torn import strips_closed
 
 
@@ -52,7 +52,7 @@ def trace(
     if not any(len(patch.patch.indices) for patch in fitted):
         raise AssemblyError("No surface was found on the scan.")
     mesh = proxy or proxy_mesh(scan, fitted)
-    points = settled_labels(scan, fitted, neighbours(scan))
+    points = settled_labels(scan, fitted)
     near = adjacency(mesh)
     costs = data_costs(mesh, scan, fitted, points)
     if unseen is not None:
