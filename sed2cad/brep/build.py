@@ -86,7 +86,7 @@ def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
     for variant in attempt.options.variants:
         repaired = [fix(body, frame.scale, variant) for body in bodies]
         faults = sum(fixed.faults for fixed in repaired)
-        if best is not None and faults >= best[0] > 0:
+        if best is not None and faults >= max(best[0], 1):
             continue
         shapes = [
             BodyShape(f.shape, f.regions, hollow[k], body.is_open)
@@ -98,6 +98,8 @@ def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
             return result, checked
         if best is None or faults < best[0]:
             best = faults, result, joined, checked
+        if not faults and not checked.unkept:  # its surfaces are to blame, whatever the repair
+            break
     if best is None:
         raise AssemblyError("no repair of the solid was asked for")
     limits = attempt.options.limits

@@ -44,7 +44,8 @@ class Checked:
     result: GateResult
     deviations: Deviations | None  # None where the solid was not fit to be measured
     undrawn: tuple[int, ...] = ()  # numbers of faces that cannot be drawn; looked for when all else is well
-    changed: tuple[int, ...] = ()  # of faces that the STEP file does not keep
+    unkept: bool = False  # whether all is well but that a STEP file does not keep it
+    changed: tuple[int, ...] = ()  # numbers of the faces that it does not keep
 
 
 @dataclass(frozen=True)
@@ -80,12 +81,13 @@ def check(
     reason = _first_fault(found, expected, limits)
     back = ReadBack(None) if reason else through_step(shape)
     hidden = () if back.shape is None else undrawn(back.shape, expected.diagonal)
-    if not reason and back.shape is None:
+    unkept = not reason and back.shape is None
+    if unkept:
         reason = "it is no longer valid after writing and reading the STEP file"
     elif hidden:
         reason = f"{len(hidden)} of its faces cannot be drawn, their edges cross"
     found = replace(found, passed=not reason, reason=reason, step_valid=back.shape is not None, undrawn=len(hidden))
-    return Checked(found, measured, hidden, back.changed)
+    return Checked(found, measured, hidden, unkept, back.changed)
 
 
 def _first_fault(found: GateResult, expected: Expected, limits: Limits) -> str:
