@@ -28,8 +28,8 @@ _BEYOND = 0.1  # share of a face that may lie off its region
 def to_blame(
     joined: Joined, checked: Checked, topology: Topology, left_out: Collection[int], frame: Frame, limits: Limits
 ) -> tuple[int, ...]:
-    """The regions whose faces are lost, invalid, not to be drawn, changed by the STEP file, off the scan or too far
-    from their edges; what was left out is not lost.
+    """The regions whose faces are lost, invalid, not to be drawn, changed by the STEP file, too far from their edges or
+    off the scan: what is behind the gate's first fault, if that is known. What was left out is not lost.
 
     () where none stands out.
     """
@@ -39,11 +39,11 @@ def to_blame(
         return tuple(sorted(lost | _invalid(joined)))
     if numbers := checked.undrawn or checked.changed:
         return tuple(sorted({joined.regions[number] for number in numbers} - {-1}))
-    if checked.deviations is not None:
-        astray = _astray(joined, checked.deviations, topology, frame, limits)
-        if astray:
-            return tuple(sorted(astray))
-    return _off_edges(joined, topology, limits.tolerance * frame.scale)
+    wide = _off_edges(joined, topology, limits.tolerance * frame.scale)
+    explained = found.coverage >= limits.coverage and found.stray <= limits.stray * frame.scale
+    if (wide and explained) or checked.deviations is None:
+        return wide
+    return tuple(sorted(_astray(joined, checked.deviations, topology, frame, limits))) or wide
 
 
 def _invalid(joined: Joined) -> set[int]:

@@ -28,6 +28,7 @@ from sed2cad.brep.solid import build_bodies
 from sed2cad.errors import AssemblyError
 from sed2cad.geometry.extend import widened
 from sed2cad.geometry.facets import faceted, is_loose
+from sed2cad.geometry.folding import fold
 from sed2cad.geometry.layout import Draft
 from sed2cad.geometry.realise import realise
 from sed2cad.geometry.seams import OpenFace, place
@@ -77,9 +78,10 @@ def _assembled(attempt: Attempt, bend: bool) -> tuple[AssemblyResult, Checked]:
     topology, frame = attempt.topology, attempt.frame
     fitted = [widened(patch) for patch in attempt.fitted]
     draft = Draft(realise(topology, fitted, bend), fitted)
+    fold(draft)
     layout = place(draft)
     left_out = {face.region for face in layout.faces if is_loose(face)} - attempt.facets.keys()
-    layout = layout.without(left_out)
+    layout, left_out = layout.without(left_out), left_out | draft.gone
     hollow = cavities(layout, [region.area for region in topology.regions], attempt.facets)
     bodies = build_bodies(faceted(layout, attempt.facets).in_world(frame))
     best: tuple[int, AssemblyResult, Joined, Checked] | None = None

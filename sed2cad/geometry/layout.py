@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -112,14 +112,34 @@ class Draft:
                 start, end = (-1 if c < 0 else int(realised.clusters[c]) for c in (chain.start, chain.end))
                 edge_of[k] = len(self.edges)
                 self.edges.append(LayoutEdge(edge.arc, start, end, edge.residual, k))
-        self.loops: list[list[list[tuple[int, int]]]] = []
-        for region in topology.regions:
-            loops = [[(edge_of[k], way) for k, way in loop if k in edge_of] for loop in region.loops]
-            self.loops.append([loop for loop in loops if loop])
+        self.loops = [
+            [[(edge_of[k], way) for k, way in loop if k in edge_of] for loop in region.loops]
+            for region in topology.regions
+        ]
+        self.gone: set[int] = set()
+        self.drop_empty()
 
     def primitive(self, region: int) -> Primitive:
         """The surface of a region."""
         return self.fitted[self.topology.regions[region].primitive].primitive
+
+    @property
+    def regions(self) -> list[int]:
+        """Those that have a face."""
+        return [r for r in range(len(self.topology.regions)) if r not in self.gone]
+
+    def drop_empty(self) -> None:
+        """Leave out loops without edges, and the regions that are left without any."""
+        for region, loops in enumerate(self.loops):
+            loops[:] = [loop for loop in loops if loop]
+            if not loops and self.topology.regions[region].loops:
+                self.gone.add(region)
+
+    def unite(self, one: int, two: int) -> None:
+        """Let edges end at one vertex instead of another at the same place."""
+        for number, edge in enumerate(self.edges):
+            start, end = (one if vertex == two else vertex for vertex in (edge.start, edge.end))
+            self.edges[number] = replace(edge, start=start, end=end)
 
     def edge_samples(self, edge: int) -> Array:
         """Points (n, 3) along an edge, both ends included."""
@@ -153,7 +173,7 @@ class Draft:
                     loop[place : place + 1] = [(edge, way), (second, way)][::way]
         return vertex
 
-    def finished(self, placements: Sequence[Placement]) -> Layout:
+    def finished(self, placements: Mapping[int, Placement]) -> Layout:
         """The layout; closed edges that no seam asked for start where their arcs do."""
         for edge, old in enumerate(self.edges):
             if old.start < 0:
@@ -162,13 +182,13 @@ class Draft:
             LayoutFace(
                 r,
                 self.primitive(r),
-                self.fitted[region.primitive].sign,
+                self.fitted[self.topology.regions[r].primitive].sign,
                 placements[r],
                 tuple(tuple(loop) for loop in self.loops[r]),
-                region.points,
-                region.body,
+                self.topology.regions[r].points,
+                self.topology.regions[r].body,
             )
-            for r, region in enumerate(self.topology.regions)
+            for r in self.regions
         )
         return Layout(np.array(self.vertices).reshape(-1, 3), tuple(self.edges), faces)
 

@@ -47,11 +47,11 @@ def place(draft: Draft) -> Layout:
 
     OpenFace with all faces that wind around their axes and are open on one side.
     """
-    turning = [Turning.of(draft, r) for r in range(len(draft.topology.regions))]
+    turning = {r: Turning.of(draft, r) for r in draft.regions}
     placements: dict[int, Placement] = {}
     open_: list[OpenFace] = []
     # the seam along the tube of a torus cannot be chosen: those faces come first
-    for r in sorted(range(len(turning)), key=lambda r: (not _tube_winds(draft, r), r)):
+    for r in sorted(turning, key=lambda r: (not _tube_winds(draft, r), r)):
         turned = turning[r]
         try:
             placements[r] = _flat(draft, r) if turned is None else _turned(draft, r, turned)
@@ -59,7 +59,7 @@ def place(draft: Draft) -> Layout:
             open_.append(error)
     if open_:
         raise OpenFace(tuple(r for error in open_ for r in error.regions), str(open_[0]))
-    return draft.finished([placements[r] for r in range(len(turning))])
+    return draft.finished(placements)
 
 
 def _flat(draft: Draft, region: int) -> Placement:
@@ -172,18 +172,21 @@ def _gap(angles: Sequence[Array]) -> float:
 def _seam_through(
     draft: Draft, loops: Sequence[Sequence[tuple[int, int]]], others: Sequence[Array], turning: Turning
 ) -> float:
-    """The angle for the seam of a face that winds around: through vertices, past the other loops."""
-    fixed = [v for loop in loops for e, _ in loop for v in (draft.edges[e].start,) if v >= 0]
-    fixed += [v for loop in loops for e, _ in loop for v in (draft.edges[e].end,) if v >= 0]
-    at = turning.angles(np.array([draft.vertices[v] for v in sorted(set(fixed))]).reshape(-1, 3))
+    """The angle for the seam of a face that winds around: through a vertex of each loop, past the other loops, and not
+    along an edge, as it is where there are two vertices of one."""
+    fixed = [{v for e, _ in loop for v in (draft.edges[e].start, draft.edges[e].end)} - {-1} for loop in loops]
+    rings = [turning.angles(np.array([draft.vertices[v] for v in sorted(own)]).reshape(-1, 3)) for own in fixed]
+    at = np.concatenate(rings)
     ranges = [np.unwrap(turning.angles(s)) for s in others]
     candidates = np.concatenate([[0.0], at, np.linspace(0, TURN, _TRIED, endpoint=False)])
 
     def score(angle: float) -> float:
         off = np.abs(wrapped(at - angle))
-        hits, near = int((off < _HIT).sum()), int(((off >= _HIT) & (off < _MISS)).sum())
+        near = int(((off >= _HIT) & (off < _MISS)).sum())
+        hits = [int((np.abs(wrapped(ring - angle)) < _HIT).sum()) for ring in rings]
+        along = sum(count > 1 for count in hits)
         covered = sum(bool(abs(wrapped(angle - r.mean())) < np.ptp(r) / 2 + _MISS) for r in ranges)
-        return 10 * min(hits, 2) - 25 * near - 100 * covered + (1 if angle == 0 else 0)
+        return 10 * hits.count(1) - 25 * near - 100 * (covered + along) + (1 if angle == 0 else 0)
 
     return float(max(candidates, key=score))
 

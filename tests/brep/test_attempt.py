@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.Standard import Standard_ConstructionError, Standard_Failure
 from OCP.TopoDS import TopoDS_Shape
 
-from sed2cad.brep.attempt import Attempt, Limits, Options
+from sed2cad.brep.attempt import VARIANTS, Attempt, Limits, Options
 from sed2cad.brep.build import assemble
+from sed2cad.brep.fix import Fixed, fix
+from sed2cad.brep.gate import ReadBack
 from sed2cad.brep.kernel import area, faces, from_bytes, is_closed, is_valid, largest_tolerance, solids, volume
 from sed2cad.errors import AssemblyError
 from sed2cad.primitives.cylinder import Cylinder
@@ -165,3 +169,20 @@ def test_whatever_the_kernel_raises_in_a_repair_is_a_fault(monkeypatch: pytest.M
     given = part("box")
     gate = assemble(Attempt(given.topology, given.fitted, given.frame, given.points)).gate
     assert gate.passed  # a box needs no repair
+
+
+@pytest.mark.parametrize("kept, repairs", [(True, 1), (False, len(VARIANTS))])
+def test_another_repair_is_tried_where_it_may_help(monkeypatch: pytest.MonkeyPatch, kept: bool, repairs: int) -> None:
+    """It does not where the points lie elsewhere; it may where a STEP file does not keep the solid."""
+    given, tried = part("box"), []
+
+    def counted(*args: Any) -> Fixed:
+        tried.append(args)
+        return fix(*args)
+
+    monkeypatch.setattr("sed2cad.brep.build.fix", counted)
+    if not kept:
+        monkeypatch.setattr("sed2cad.brep.gate.through_step", lambda shape: ReadBack(None))
+    points = np.vstack([given.points, given.points + 0.05]) if kept else given.points
+    assert not assemble(Attempt(given.topology, given.fitted, given.frame, points)).gate.passed
+    assert len(tried) == repairs

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sed2cad.brep.attempt import Attempt
+from sed2cad.brep.build import assemble
 from sed2cad.errors import AssemblyError
 from sed2cad.geometry.layout import Draft, Layout
 from sed2cad.geometry.realise import realise
@@ -55,6 +57,35 @@ def test_bends_start_on_the_outer_equator_and_pipes_follow() -> None:
         assert start @ tube.placement.z == pytest.approx(0, abs=1e-9)
         assert np.linalg.norm(start) == pytest.approx(25 / parts.pipe_bend().frame.scale)
     assert len(bend.edges) == 4  # nothing had to be cut
+
+
+def test_the_seam_keeps_clear_of_the_edges_of_a_step() -> None:
+    """They run along it: the kernel could not tell on which side of the seam they are."""
+    part = stepped_end()
+    placement = layout(part).faces[0].placement
+    assert abs(placement.x @ X) > 0.1  # the edges are at +-Y
+    made = assemble(Attempt(part.topology, part.fitted, part.frame, part.points))
+    assert made.gate.passed and made.gate.volume == pytest.approx(part.volume, rel=1e-9)
+
+
+def stepped_end(radius: float = 10.0, length: float = 20.0, step: float = 4.0) -> parts.Part:
+    """A shaft one half of whose end is a step farther back."""
+    b = parts.Builder()
+    side, top = b.face(Cylinder(Z, np.zeros(3), radius)), b.face(Plane(Z, length))
+    low, high, wall = b.face(Plane(-Z, 0.0)), b.face(Plane(-Z, -step)), b.face(Plane(-X, 0.0))
+    p, q, p1, q1 = (b.corner(0, y, z) for z in (0, step) for y in (-radius, radius))
+    t = np.linspace(-np.pi / 2, np.pi / 2, 30)
+    half = radius * np.column_stack([np.cos(t), np.sin(t), np.zeros(30)])
+    there, back = b.chain(half, side, low, p, q), b.chain(step * Z - half, side, high, q1, p1)
+    up, down = b.line(q, q1, side, wall), b.line(p1, p, side, wall)
+    foot, head = b.line(p, q, low, wall), b.line(p1, q1, wall, high)
+    b.ring(parts.circle((0, 0, length), Z, radius), top, side)
+    b.loop(side, (there, 1), (up, 1), (back, 1), (down, 1))
+    b.loop(low, (there, -1), (foot, 1))
+    b.loop(high, (back, -1), (head, -1))
+    b.loop(wall, (foot, -1), (down, -1), (head, 1), (up, -1))
+    volume = np.pi * radius**2 * (length - step / 2)
+    return b.part(volume, 1.0)
 
 
 def test_the_seam_keeps_clear_of_a_hole_in_the_wall() -> None:
