@@ -136,7 +136,8 @@ class Climb:
                     return trial
                 self.failures.append(f"{trial.name}: {trial.fault}")
                 self.trials.append(trial)
-                warm_up(_BESIDE)
+                if len(self.trials) == 1:
+                    warm_up(_BESIDE)  # one was enough so far
         return None
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.spatial import cKDTree
 from sed2cad.brep.attempt import Limits
 from sed2cad.brep.bodies import Joined
 from sed2cad.brep.gate import Checked
-from sed2cad.brep.kernel import edges, faces, vertices
+from sed2cad.brep.kernel import edges, faces, numbers, vertices
 from sed2cad.brep.measure import Deviations, Triangles, nearest_triangles, spread_over
 from sed2cad.geometry.facets import is_loose
 from sed2cad.geometry.layout import Layout
@@ -40,8 +41,8 @@ def to_blame(
     if numbers := checked.undrawn or checked.changed:
         return tuple(sorted({joined.regions[number] for number in numbers} - {-1}))
     wide = _off_edges(joined, topology, limits.tolerance * frame.scale)
-    explained = found.coverage >= limits.coverage and found.stray <= limits.stray * frame.scale
-    if (wide and explained) or checked.deviations is None:
+    astray = found.coverage < limits.coverage or found.stray > limits.stray * frame.scale
+    if (wide and not astray) or checked.deviations is None:
         return wide
     return tuple(sorted(_astray(joined, checked.deviations, topology, frame, limits))) or wide
 
@@ -75,14 +76,29 @@ def _astray(
 
 
 def _off_edges(joined: Joined, topology: Topology, limit: float) -> tuple[int, ...]:
-    """The smallest of the exact regions at edges and vertices that are too far from their faces."""
-    wide = set()
+    """The fewest exact regions, small ones rather, that all edges lie on which are too far from their faces; where only
+    vertices are, those that all of these lie on."""
     cut = {r for r in joined.regions if joined.regions.count(r) > 1}
-    for face, region in zip(faces(joined.shape), joined.regions):
-        reach = [BRep_Tool.Tolerance_s(e) for e in edges(face)] + [BRep_Tool.Tolerance_s(v) for v in vertices(face)]
-        if region >= 0 and region not in cut and max(reach, default=0.0) > limit:
-            wide.add(region)
-    return tuple(sorted(wide, key=lambda r: topology.regions[r].area)[:1])
+    for parts in (edges, vertices):
+        every = parts(joined.shape)
+        far = {k for k, part in enumerate(every) if BRep_Tool.Tolerance_s(part) > limit}
+        beside: dict[int, set[int]] = {}
+        for face, region in zip(faces(joined.shape), joined.regions) if far else ():
+            for k in far.intersection(numbers(every, parts(face))) if region >= 0 and region not in cut else ():
+                beside.setdefault(k, set()).add(region)
+        if beside:
+            return _cover(list(beside.values()), topology)
+    return ()
+
+
+def _cover(sets: list[set[int]], topology: Topology) -> tuple[int, ...]:
+    """Regions of which each set has one: always that which most sets have, the smallest of several."""
+    found = []
+    while sets:
+        shared = Counter(region for own in sets for region in own)
+        found.append(max(shared, key=lambda region: (shared[region], -topology.regions[region].area)))
+        sets = [own for own in sets if found[-1] not in own]
+    return tuple(sorted(found))
 
 
 def at_worst_edge(layout: Layout, topology: Topology, limit: float) -> tuple[int, ...]:

@@ -15,7 +15,7 @@ from OCP.ShapeFix import ShapeFix_Shape
 from OCP.TopoDS import TopoDS, TopoDS_Shape, TopoDS_Solid
 
 from sed2cad.brep.attempt import Variant
-from sed2cad.brep.kernel import face_numbers, faces, is_closed, solids, volume
+from sed2cad.brep.kernel import faces, is_closed, numbers, solids, volume
 from sed2cad.brep.solid import PRECISION, Body
 
 _HOPELESS = 1000  # faults of a body that the repair gave up on
@@ -84,10 +84,11 @@ def _fixed(body: Body, diagonal: float, variant: Variant) -> Fixed:
 
 def _regions(body: Body, copy: BRepBuilderAPI_Copy, tool: ShapeFix_Shape, shape: TopoDS_Shape) -> tuple[int, ...]:
     """The region of each face of the result, from the histories of the copy and the repair."""
-    regions = [-1] * len(faces(shape))
+    every = faces(shape)
+    regions = [-1] * len(every)
     for face, region in zip(body.faces, body.regions):
         descendants = faces(tool.Context().Apply(copy.ModifiedShape(face)))
-        for number in face_numbers(shape, descendants):
+        for number in numbers(every, descendants):
             if number >= 0:
                 regions[number] = region
     return tuple(regions)

@@ -58,11 +58,12 @@ def faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:
     return [TopoDS.Face_s(f) for f in _subshapes(shape, TopAbs_FACE)]
 
 
-def face_numbers(shape: TopoDS_Shape, wanted: Sequence[TopoDS_Shape]) -> list[int]:
-    """Where each wanted face stands among the faces of `shape`; -1: nowhere. (== does not compare shapes.)"""
+def numbers(every: Sequence[TopoDS_Shape], wanted: Sequence[TopoDS_Shape]) -> list[int]:
+    """Where each wanted shape stands among different ones; -1: nowhere. (== does not compare shapes.)"""
     found = TopTools_IndexedMapOfShape()
-    TopExp.MapShapes_s(shape, TopAbs_FACE, found)
-    return [found.FindIndex(face) - 1 for face in wanted]
+    for shape in every:
+        found.Add(shape)
+    return [found.FindIndex(shape) - 1 for shape in wanted]
 
 
 def edges(shape: TopoDS_Shape) -> list[TopoDS_Edge]:

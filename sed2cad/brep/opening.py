@@ -10,7 +10,7 @@ from OCP.TopoDS import TopoDS_Shape
 
 from sed2cad.brep.attempt import AssemblyResult, Opening
 from sed2cad.brep.gate import through_step
-from sed2cad.brep.kernel import compound, face_numbers, faces, from_bytes, is_valid, solids, to_bytes
+from sed2cad.brep.kernel import compound, faces, from_bytes, is_valid, numbers, solids, to_bytes
 from sed2cad.brep.solid import shell_of
 from sed2cad.errors import AssemblyError
 
@@ -25,11 +25,12 @@ def opened(job: Opening) -> AssemblyResult:
     return replace(job.solid, brep=to_bytes(shape), faces=kept, gate=gate)
 
 
-def without_faces(shape: TopoDS_Shape, numbers: Collection[int]) -> TopoDS_Shape:
+def without_faces(shape: TopoDS_Shape, left_out: Collection[int]) -> TopoDS_Shape:
     """The solids of a shape, each as a shell if it has some of the faces: these are left out."""
     parts: list[TopoDS_Shape] = []
+    every = faces(shape)
     for solid in solids(shape):
         own = faces(solid)
-        left = [face for face, number in zip(own, face_numbers(shape, own)) if number not in numbers]
+        left = [face for face, number in zip(own, numbers(every, own)) if number not in left_out]
         parts.append(solid if len(left) == len(own) else shell_of(left))
     return compound(parts)

@@ -136,8 +136,10 @@ def test_the_gate_names_what_is_wrong() -> None:
     gate = assemble(Attempt(given.topology, given.fitted, given.frame, away)).gate
     assert not gate.passed and "of the points lie on it" in gate.reason
     strict = Options(limits=Limits(tolerance=1e-12))
-    gate = assemble(Attempt(given.topology, given.fitted, given.frame, given.points, strict)).gate
-    assert not gate.passed and "away from its faces" in gate.reason
+    made = assemble(Attempt(given.topology, given.fitted, given.frame, given.points, strict))
+    assert not made.gate.passed and "away from its faces" in made.gate.reason
+    assert len(made.blamed) == 4  # fewer faces do not have all edges of a box
+    assert all({chain.left, chain.right} & set(made.blamed) for chain in given.topology.chains)
 
 
 def test_a_missing_cap_is_an_error() -> None:

@@ -11,18 +11,18 @@ import numpy as np
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeSphere
 from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 
-from sed2cad.brep.kernel import face_numbers, faces
+from sed2cad.brep.kernel import faces, numbers
 from sed2cad.brep.measure import tessellate
 from sed2cad.brep.step import read_step, write_step
 
 
 def test_equal_shapes_are_not_equal() -> None:
-    """== is identity of the Python objects, so faces cannot be dict keys; `face_numbers` asks the kernel."""
+    """== is identity of the Python objects, so faces cannot be dict keys; `numbers` asks the kernel."""
     box = BRepPrimAPI_MakeBox(1.0, 2.0, 3.0).Shape()
     first, again = faces(box)[0], faces(box)[0]
     assert first.IsSame(again)
     assert not first == again
-    assert face_numbers(box, [again.Reversed()]) == [0]
+    assert numbers(faces(box), [again.Reversed()]) == [0]
 
 
 def test_step_switches_do_not_exist_before_the_first_controller() -> None:
