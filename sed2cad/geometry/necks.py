@@ -25,7 +25,7 @@ def without_necks(topology: Topology, fitted: Sequence[FittedPatch]) -> Topology
     smooth = {k for k, how in enumerate(meetings_of(topology, sides)) if how != "crossing"}
     web, region = Web(topology), 0
     while region < len(web.loops):
-        found = next(_necks(web, region, sides, smooth), None)
+        found = next(_necks(web, region, fitted, smooth), None)
         if found is None:
             region += 1
         else:
@@ -33,14 +33,14 @@ def without_necks(topology: Topology, fitted: Sequence[FittedPatch]) -> Topology
     return web.topology()
 
 
-def _necks(web: Web, region: int, sides: Sequence[Side], smooth: set[int]) -> Iterator[tuple[int, int]]:
+def _necks(web: Web, region: int, fitted: Sequence[FittedPatch], smooth: set[int]) -> Iterator[tuple[int, int]]:
     """Chains of a region with the corners on its other side that they run through."""
     chains = [k for loop in web.loops[region] for k, _ in loop]
     corners = {c for k in chains if not web.chains[k].closed for c in (web.chains[k].start, web.chains[k].end)}
     for k in (k for k in chains if k not in smooth and web.beside(k, region) != region):
         for corner in sorted(corners - {web.chains[k].start, web.chains[k].end}):
             if _runs_by(web, k, corner) and web.can_pinch(k, corner, region):
-                if _runs_through(web, k, corner, region, sides, smooth):
+                if _runs_through(web, k, corner, region, fitted, smooth):
                     yield k, corner
 
 
@@ -52,12 +52,15 @@ def _runs_by(web: Web, k: int, corner: int) -> bool:
     return bool(apart.min() < _NARROW < ends)
 
 
-def _runs_through(web: Web, k: int, corner: int, region: int, sides: Sequence[Side], smooth: set[int]) -> bool:
-    """Whether the surface beyond a chain of a region goes through one of its corners, where surfaces cross."""
+def _runs_through(
+    web: Web, k: int, corner: int, region: int, fitted: Sequence[FittedPatch], smooth: set[int]
+) -> bool:
+    """Whether the surface beyond a chain of a region goes through one of its corners, where surfaces cross, as far as
+    noise lets it be told."""
     turn, far = web.turn(corner), web.beside(k, region)
     around = [other for _, other in turn]
     if around.count(region) != 1 or far in around or any(ray[0] in smooth for ray, _ in turn):
         return False
     numbers = list(dict.fromkeys(web.primitive(other) for other in [*around, far]))
-    solved = solve_corner(web.corners[corner], [sides[n] for n in numbers], [])
-    return solved.residual < _TOUCHING and solved.moved < _FAR
+    solved = solve_corner(web.corners[corner], [Side.of(fitted[n]) for n in numbers], [])
+    return solved.residual < max(_TOUCHING, *(fitted[n].rms for n in numbers)) and solved.moved < _FAR

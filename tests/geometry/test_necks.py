@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,18 @@ def test_its_solid_is_exact() -> None:
     made = assemble(Attempt(topology, part.fitted, part.frame, part.points))
     assert made.gate.valid and made.gate.closed and len(made.faces) == len(topology.regions)
     assert volume(from_bytes(made.brep)) == pytest.approx(part.volume, rel=1e-6)
+
+
+@pytest.mark.parametrize("chamfer", [0.99 * REACH, 1.01 * REACH])
+def test_noise_hides_whether_it_has_a_width(chamfer: float) -> None:
+    """Too small, the circle would run through the walls of the socket."""
+    part = socket(chamfer)
+    noisy = [replace(patch, rms=2e-3) for patch in part.fitted]
+    topology = without_necks(part.topology, noisy)
+    assert len(topology.regions) == len(part.topology.regions) + 3
+    made = assemble(Attempt(topology, tuple(noisy), part.frame, part.points))
+    assert made.gate.valid and made.gate.closed
+    assert volume(from_bytes(made.brep)) == pytest.approx(part.volume, rel=1e-3)
 
 
 @pytest.mark.parametrize("chamfer", [1.02 * REACH, 1.3 * REACH])
