@@ -138,7 +138,7 @@ def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
         return [_simplified(f, _Case.of(scan, f.patch)) for f in fitted]
     asking = [k for k, f in enumerate(fitted) if _asks_normals(scan, f.patch, angle)]
     for k, again in zip(asking, run_each(_fit_patch, [_Case.of(scan, fitted[k].patch, angle) for k in asking])):
-        fitted[k] = again
+        fitted[k] = _simplified(again, _Case.of(scan, again.patch, angle)) if scan.noise > FINEST else again
     return tied(scan, fitted, angle)
 
 
@@ -166,19 +166,21 @@ def _simplified(fitted: FittedPatch, case: _Case) -> FittedPatch:
     points, normals = case.points, case.normals
     noise = max(case.noise, FINEST)
     for kind in _SIMPLER.get(fitted.primitive.kind, ()):
-        found = fit(kind, points, normals, case.noise)
+        found = fit(kind, points, normals, case.noise, case.angle)
         if found is None:
             continue
-        saved = _chi_square(found[0], points, noise) - _chi_square(fitted.primitive, points, noise)
+        saved = _chi_square(found[0], case, noise) - _chi_square(fitted.primitive, case, noise)
         if saved < (fitted.primitive.freedom - found[0].freedom) * np.log(min(len(points), _INDEPENDENT)):
             patch = replace(fitted.patch, kind=kind)
             return FittedPatch(patch, found[0], found[0].side(points, normals), *found[1:])
     return fitted
 
 
-def _chi_square(primitive: Primitive, points: Array, noise: float) -> float:
-    """Of the distances, what does not belong capped."""
-    return float(np.minimum((primitive.distance(points) / noise) ** 2, _STRAY).sum())
+def _chi_square(primitive: Primitive, case: _Case, noise: float) -> float:
+    """Of the distances and, where their deviation is known, of the normals' angles, what does not belong capped."""
+    off = np.minimum((primitive.distance(case.points) / noise) ** 2, _STRAY)
+    turned = np.minimum((primitive.angles(case.points, case.normals) / case.angle) ** 2, _STRAY)
+    return float(off.sum() + turned.sum())
 
 
 def _asks_normals(scan: Scan, patch: Patch, angle: float) -> bool:
