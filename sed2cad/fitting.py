@@ -138,7 +138,7 @@ def fit_patches(scan: Scan, patches: Sequence[Patch]) -> list[FittedPatch]:
         return [_simplified(f, _Case.of(scan, f.patch)) for f in fitted]
     asking = [k for k, f in enumerate(fitted) if _asks_normals(scan, f.patch, angle)]
     for k, again in zip(asking, run_each(_fit_patch, [_Case.of(scan, fitted[k].patch, angle) for k in asking])):
-        fitted[k] = _simplified(again, _Case.of(scan, again.patch, angle)) if scan.noise > FINEST else again
+        fitted[k] = again
     return tied(scan, fitted, angle)
 
 
@@ -218,7 +218,8 @@ def _fit_patch(case: _Case) -> FittedPatch:
             primitive, covariance = instead
             rms = root_mean_square(primitive.distance(points))
     fitted = FittedPatch(patch, primitive, primitive.side(points, normals), rms, covariance)
-    return _simplified(fitted, case) if is_degenerate(primitive, points, FINEST) else fitted
+    noisy = math.isfinite(case.angle) and noise > FINEST
+    return _simplified(fitted, case) if noisy or is_degenerate(primitive, points, FINEST) else fitted
 
 
 def swept_instead_of(

@@ -15,7 +15,6 @@ Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
-
 @dataclass(frozen=True)
 class Samples:
     """Points on one surface, or on two of them where these meet in an edge."""
