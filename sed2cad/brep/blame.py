@@ -79,12 +79,14 @@ def _off_edges(joined: Joined, topology: Topology, limit: float) -> tuple[int, .
     """The fewest exact regions, small ones rather, that all edges lie on which are too far from their faces; where only
     vertices are, those that all of these lie on."""
     cut = {r for r in joined.regions if joined.regions.count(r) > 1}
+    owned = [(face, r) for face, r in zip(faces(joined.shape), joined.regions) if r >= 0 and r not in cut]
     for parts in (edges, vertices):
         every = parts(joined.shape)
         far = {k for k, part in enumerate(every) if BRep_Tool.Tolerance_s(part) > limit}
+        sides = [(part, r) for face, r in owned for part in parts(face)] if far else []
         beside: dict[int, set[int]] = {}
-        for face, region in zip(faces(joined.shape), joined.regions) if far else ():
-            for k in far.intersection(numbers(every, parts(face))) if region >= 0 and region not in cut else ():
+        for k, (_, region) in zip(numbers(every, [part for part, _ in sides]), sides):
+            if k in far:
                 beside.setdefault(k, set()).add(region)
         if beside:
             return _cover(list(beside.values()), topology)

@@ -86,11 +86,11 @@ def _regions(body: Body, copy: BRepBuilderAPI_Copy, tool: ShapeFix_Shape, shape:
     """The region of each face of the result, from the histories of the copy and the repair."""
     every = faces(shape)
     regions = [-1] * len(every)
-    for face, region in zip(body.faces, body.regions):
-        descendants = faces(tool.Context().Apply(copy.ModifiedShape(face)))
-        for number in numbers(every, descendants):
-            if number >= 0:
-                regions[number] = region
+    descendants = [faces(tool.Context().Apply(copy.ModifiedShape(face))) for face in body.faces]
+    heirs = [(heir, region) for own, region in zip(descendants, body.regions) for heir in own]
+    for number, (_, region) in zip(numbers(every, [heir for heir, _ in heirs]), heirs):
+        if number >= 0:
+            regions[number] = region
     return tuple(regions)
 
 
